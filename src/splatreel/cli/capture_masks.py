@@ -35,7 +35,7 @@ def capture_masks(
 ) -> None:
     """Make masks of the people and things that move, for `reconstruct --masks`. After an interruption, the same command continues.
 
-    No trained weights are needed; SAM2 completes the masks where its weights are installed. The masks belong to undistorted images,
+    Networks of people are used where they are installed, and SAM2; neither is needed. The masks belong to undistorted images,
     which `splatreel capture convert` writes. They may be corrected in any image editor.
 
     Args:
@@ -75,6 +75,7 @@ def make_masks(source: CaptureSource, folder: Path, clean_plate: Path | None, wi
     from splatreel.capture.file_capture import FileCapture
     from splatreel.method.layering.sam2 import find_sam2
     from splatreel.segmentation.mask_writer import write_masks
+    from splatreel.segmentation.people import find_people
 
     whole = replace(source, request=source.request | {"width": None, "scale": None})()
     own = whole.width
@@ -84,7 +85,7 @@ def make_masks(source: CaptureSource, folder: Path, clean_plate: Path | None, wi
         capture = replace(source, request=source.request | {"width": width, "scale": None})()
     assert isinstance(capture, FileCapture)  # as all readers return it
     with closing(capture), closing(console()) as progress:
-        done = write_masks(capture, folder, progress, clean_plate, find_sam2())
+        done = write_masks(capture, folder, progress, clean_plate, find_sam2(), find_people())
     shares = ", ".join(f"{name} {share:.1%}" for name, share in done.shares.items())
     say(
         f"{folder}: masks of {len(done.shares)} cameras and {counted(capture.frames, 'frame')}, {capture.width} pixels wide"

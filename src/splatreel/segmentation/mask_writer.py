@@ -25,6 +25,7 @@ from splatreel.capture.masks import RECORD, read_mask_record
 from splatreel.capture.time_steps import CountedSource
 from splatreel.method.layering.masks import Segmenter
 from splatreel.segmentation.clean_plate import fitting_plates, read_clean_plates
+from splatreel.segmentation.people import People, how_to_install
 from splatreel.segmentation.segmenter import FIT_STEPS, SubjectModel, fit_subject
 
 SAMPLES = 30
@@ -69,6 +70,7 @@ def write_masks(
     progress: Progress,
     clean_plate: Path | None = None,
     segmenter: Segmenter | None = None,
+    people: People | None = None,
 ) -> WrittenMasks:
     """Write a mask for each frame and camera of a capture: FOLDER/CAMERA/NAME.png, named as the camera's own images.
 
@@ -80,6 +82,7 @@ def write_masks(
         progress: Progress display.
         clean_plate: Folder with images without the subject; None finds backgrounds in the capture itself.
         segmenter: Network that completes the masks of each moment.
+        people: Networks that find people. A call that continues masks made without them goes on without them.
 
     Raises:
         CaptureError: The capture is still growing, nothing moves, or the folder belongs to another capture.
@@ -88,12 +91,19 @@ def write_masks(
     if capture.growing or not isinstance(source, CountedSource):
         raise CaptureError(f"{capture.path}: is still being written. Make masks when the capture is complete.")
     plan = _plan(capture, source, folder)
-    record = _claim(capture, folder, clean_plate)
+    record = _claim(capture, folder, clean_plate, people is not None)
+    if record["people"] and people is None:
+        raise CaptureError(
+            f"{folder}: was begun with networks of people, which are not installed now. Run {how_to_install()}, or name a new folder."
+        )
     if record.get("complete") and all(file.exists() for files in plan.values() for file in files.values()):
         return WrittenMasks(0, record["shares"], record["notes"])
-    model, notes = _model(capture, folder, clean_plate, progress)
+    people = people if record["people"] else None
+    model, notes = _model(capture, folder, clean_plate, progress, people)
     names = [camera.name for camera in capture.cameras]
     notes += _standing(names, model)
+    if people is None:
+        notes.append(f"people were found by motion and colors only. Networks find them better: {how_to_install()}")
     written, shares = 0, []
     progress.stage("writing masks", len(plan))
     for steps in _chunks(list(plan)):
@@ -160,7 +170,7 @@ def _chunks(steps: list[int]) -> list[list[int]]:
     return [part[at : at + CHUNK].tolist() for part in parts for at in range(0, len(part), CHUNK)]
 
 
-def _claim(capture: FileCapture, folder: Path, clean_plate: Path | None) -> dict[str, Any]:
+def _claim(capture: FileCapture, folder: Path, clean_plate: Path | None, people: bool) -> dict[str, Any]:
     """Return the record of a folder of masks. Write it if the folder is new.
 
     Raises:
@@ -174,8 +184,8 @@ def _claim(capture: FileCapture, folder: Path, clean_plate: Path | None) -> dict
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise CaptureError(f"{folder}: exists already and holds no masks of `capture masks`. Name a new folder.")
         folder.mkdir(parents=True, exist_ok=True)
-        _write_record(folder, made)
-        record = made
+        record = made | {"people": people}
+        _write_record(folder, record)
     for name, value in made.items():
         if record.get(name) != value:
             raise CaptureError(
@@ -184,15 +194,15 @@ def _claim(capture: FileCapture, folder: Path, clean_plate: Path | None) -> dict
             )
     for camera in capture.cameras:
         (folder / camera.name).mkdir(exist_ok=True)
-    return record
+    return {"people": False} | record
 
 
 def _model(
-    capture: FileCapture, folder: Path, clean_plate: Path | None, progress: Progress
+    capture: FileCapture, folder: Path, clean_plate: Path | None, progress: Progress, people: People | None
 ) -> tuple[SubjectModel, list[str]]:
     """Return the model of the subject, that of an interrupted call or a new one, and sentences about clean plates."""
     near = capture.near or 0.0
-    if (known := _kept_model(capture, folder / MODEL, near)) is not None:
+    if (known := _kept_model(capture, folder / MODEL, near, people)) is not None:
         return known
     names = [camera.name for camera in capture.cameras]
     # Somebody who hardly moves within the frame range often leaves their place before or after it.
@@ -209,7 +219,7 @@ def _model(
     if clean_plate is not None:
         plates, notes = fitting_plates(names, read_clean_plates(clean_plate, capture), film, exist)
     progress.stage("finding the backgrounds", FIT_STEPS)
-    model = fit_subject(capture.cameras, film, plates, near, progress.update, exist)
+    model = fit_subject(capture.cameras, film, plates, near, progress.update, exist, people)
     if max(model.moving_shares) < FAINTEST:
         has_plates = plates is not None and any(plate is not None for plate in plates)
         doubts = "".join(f" {note}." for note in notes)
@@ -225,12 +235,14 @@ def sample_moments(frames: int) -> list[int]:
     return np.unique(np.linspace(0, frames - 1, min(SAMPLES, frames)).round().astype(int)).tolist()
 
 
-def _kept_model(capture: FileCapture, file: Path, near: float) -> tuple[SubjectModel, list[str]] | None:
+def _kept_model(
+    capture: FileCapture, file: Path, near: float, people: People | None
+) -> tuple[SubjectModel, list[str]] | None:
     """Return the model that an interrupted call left, and its sentences, if they can be read."""
     try:
         check_regular(file, CaptureError)
         with np.load(file) as arrays:
-            return SubjectModel.unpack(capture.cameras, dict(arrays), near), arrays["notes"].tolist()
+            return SubjectModel.unpack(capture.cameras, dict(arrays), near, people), arrays["notes"].tolist()
     except (OSError, ValueError, KeyError, BadZipFile, CaptureError):
         return None
 

@@ -215,11 +215,11 @@ def without_repeats(squares: Sequence[Square], more: Sequence[Square]) -> list[S
     return [*squares, *(square for square in more if all(_overlap(square, other) < OVERLAP for other in squares))]
 
 
-def people_free(people: People, film: np.ndarray) -> np.ndarray:
+def people_free(people: People, film: np.ndarray, angle: float = 0.0) -> np.ndarray:
     """Return the pixels [S, H, W] bool of samples [S, H, W, 3] uint8 that show no person, nor lie close to one."""
 
     def covered(image: np.ndarray) -> np.ndarray:
-        probability = people.probability(image, people.find(image))[0]
+        probability = people.probability(image, people.find(image, angle))[0]
         return cv2.dilate((probability > POSSIBLE).astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
 
     return ~np.stack(threads.map_parallel(covered, film))

@@ -10,10 +10,11 @@ import cv2
 import numpy as np
 
 from splatreel.base import threads
+from splatreel.method.init.layout import upright
 from splatreel.scene.camera import Camera
 from splatreel.segmentation.background import MIN_SAMPLES, Background, fit_background, largest_channel, same_light
 from splatreel.segmentation.evidence import LIMIT, Agreement, ColorModel, difference, subject_evidence, with_floor
-from splatreel.segmentation.people import People, Square, people_free, squares_around, without_repeats
+from splatreel.segmentation.people import People, people_free, squares_around, without_repeats
 from splatreel.segmentation.smoothing import decide, with_doubts, without_halo, without_specks
 
 DIFFERENT = 15.0
@@ -133,8 +134,9 @@ class SubjectModel:
         near: float = 0.0,
         people: People | None = None,
     ) -> None:
-        self.people = people
         self.cameras = list(cameras)
+        self.people = people
+        self._angles = up_angles(self.cameras)
         self.backgrounds = list(backgrounds)
         self.colors = [ColorModel() for _ in cameras]
         self.agreement = Agreement(self.cameras, near)
@@ -215,40 +217,35 @@ class SubjectModel:
         decided = _decided(images, odds)
         if self.people is None:
             return decided, found
-        squares = [self.people.find(image) for image in images]
-        squares = [without_repeats(squares_around(own > 0), more) for own, more in zip(decided, squares, strict=True)]
-        return self._with_people(images, found, colors, decided, squares)
+        own, odds = self._with_people(self.people, images, found, colors, decided)
+        return _decided(images, odds), own
 
     def _with_people(
-        self,
-        images: np.ndarray,
-        found: Evidence,
-        colors: np.ndarray,
-        decided: np.ndarray,
-        squares: Sequence[Sequence[Square]],
-    ) -> tuple[np.ndarray, Evidence]:
-        """Return decisions and evidence that networks of people complete, in their squares. What moves and is no person stays.
+        self, people: People, images: np.ndarray, found: Evidence, colors: np.ndarray, decided: np.ndarray
+    ) -> tuple[Evidence, np.ndarray]:
+        """Return evidence and log odds [C, H, W] that networks of people complete. What moves and is no person stays.
 
         The cameras agree again, with what the networks see.
         """
-        people = self.people
-        assert people is not None
-        seen = threads.map_parallel(lambda c: people.probability(images[c], squares[c]), range(len(images)))
+
+        def look(c: int) -> tuple[np.ndarray, np.ndarray]:
+            known = squares_around(decided[c] > 0)
+            return people.probability(images[c], without_repeats(known, people.find(images[c], self._angles[c])))
+
+        seen = threads.map_parallel(look, range(len(images)))
         probability = np.stack([each for each, _ in seen])
         where = np.stack([known & ~_nobody(own > 0, each) for own, (each, known) in zip(decided, seen, strict=True)])
         person = np.log((probability + SOFT) / (1 - probability + SOFT)) + PERSON_OFFSET
 
         def joined(odds: np.ndarray, slope: float) -> np.ndarray:
-            other = np.clip(odds + np.where(found.support > -0.5, colors, 0), -OWN_LIMIT, OWN_LIMIT)
-            return slope * person + OWN_SHARE * other
+            other = odds + np.where(found.support > -0.5, colors, 0)
+            return slope * person + OWN_SHARE * np.clip(other, -OWN_LIMIT, OWN_LIMIT)
 
-        own = np.where(where, np.clip(joined(found.own, 1.0), -LIMIT, LIMIT), found.own).astype(np.float32)
+        own = np.where(where, np.clip(joined(found.own, 1), -LIMIT, LIMIT), found.own).astype(np.float32)
         support = self.agreement.support(own)
-        agreed = self._agreed(found.own, support)
-        odds = np.where(
-            where, joined(agreed.odds, PERSON_SLOPE), agreed.odds + np.where(support > -0.5, colors, 0)
-        ).astype(np.float32)
-        return _decided(images, odds), Evidence(own, support, odds)
+        agreed = self._agreed(found.own, support).odds
+        odds = np.where(where, joined(agreed, PERSON_SLOPE), agreed + np.where(support > -0.5, colors, 0))
+        return Evidence(own, support, agreed), odds.astype(np.float32)
 
     def masks(self, frames: np.ndarray, there: np.ndarray | None = None) -> np.ndarray:
         """Return the masks [T, C, H, W] uint8 of consecutive frames [T, C, H, W, 3] uint8.
@@ -304,7 +301,7 @@ def fit_subject(
     )
     shares = [0.0] * len(films)
     if people is not None:
-        empty = [people_free(people, film) for film in films]
+        empty = [people_free(people, film, angle) for film, angle in zip(films, up_angles(cameras), strict=True)]
         shares = [float((~each).mean((1, 2)).max()) for each in empty]
         lit = [
             (film, free if certainty is None else free * certainty) if plate is None else (film, certainty)
@@ -358,6 +355,12 @@ def _fit_again(
 
 def _decided(images: np.ndarray, odds: np.ndarray) -> np.ndarray:
     return np.stack(threads.map_parallel(lambda c: decide(images[c], odds[c]), range(len(images))))
+
+
+def up_angles(cameras: Sequence[Camera]) -> list[float]:
+    """Return the angle of the scene's up direction in the image of each camera, radians clockwise from the image's up."""
+    ups = [camera.viewmat[:3, :3] @ upright(cameras) for camera in cameras]
+    return [float(np.arctan2(up[0], -up[1])) for up in ups]
 
 
 def _nobody(mask: np.ndarray, probability: np.ndarray) -> np.ndarray:
