@@ -31,7 +31,7 @@ ALLOWED = {
     "play/standalone.py": {"read_text", "read_bytes"},
     "play/web_app.py": {"read_text"},
     "run/machine_speed.py": {"read_text"},
-    "run/memory.py": {"read_text"},
+    "run/requirements.py": {"read_text"},
     # Objects and texts that were read or opened safely before
     "capture/growing/growing_video.py": {"av.open"},
     "capture/readers/calibrations/toml_cameras.py": {"tomllib.loads"},

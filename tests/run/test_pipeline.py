@@ -353,7 +353,7 @@ def test_light_changes_everywhere(tmp_path: Path) -> None:
 
 def test_images_that_do_not_fit_into_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     capture = WallCapture(FRAMES)
-    monkeypatch.setattr("splatreel.run.memory.physical_memory", lambda: 60_000)
+    monkeypatch.setattr("splatreel.run.requirements.physical_memory", lambda: 60_000)
     with pytest.raises(ReconstructionError, match=r"wall: images of 48x32 by 4 cameras, .* Use a machine with more"):
         reconstruct(capture, tmp_path / "a", CONFIG)
     assert not (tmp_path / "a").exists()

@@ -169,8 +169,7 @@ def _judge(
         ReconstructionError: Reconstruction would refuse the capture.
     """
     from splatreel.config import Config
-    from splatreel.run.memory import check_memory
-    from splatreel.run.requirements import check_capture, check_images
+    from splatreel.run.requirements import check_capture, check_images, check_memory
 
     check_capture(source)
     check_memory(source, Config())

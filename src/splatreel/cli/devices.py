@@ -14,13 +14,13 @@ def devices(measure: bool = True) -> None:
     from splatreel.base.errors import GpuError
     from splatreel.gpu import adapters as gpus
     from splatreel.gpu.shared_gpu import SharedGpu
-    from splatreel.run import gpu_speed
+    from splatreel.run import machine_speed
     from splatreel.run.device_choice import pick_gpu
     from splatreel.run.machine_speed import describe_processor
 
     say(f"CPU   {describe_processor()}")
     if measure:
-        say(f"      {gpu_speed.iteration_ms(None):.1f} ms for a training iteration")
+        say(f"      {machine_speed.iteration_ms(None):.1f} ms for a training iteration")
     found = gpus.adapters()
     for adapter in found:
         kind = "software" if adapter.is_software else adapter.kind
@@ -34,7 +34,7 @@ def devices(measure: bool = True) -> None:
             say(f"      cannot train: {adapter.missing}")
         elif measure and not adapter.is_software:
             try:
-                say(f"      {gpu_speed.iteration_ms(SharedGpu(adapter)):.1f} ms for a training iteration")
+                say(f"      {machine_speed.iteration_ms(SharedGpu(adapter)):.1f} ms for a training iteration")
             except GpuError as error:
                 say(f"      training fails: {error}")
     chosen, why = gpus.choose_adapter(found)

@@ -9,8 +9,8 @@ from splatreel.base.progress import format_rounded, format_seconds
 from splatreel.cli.printing import counted
 
 if TYPE_CHECKING:
+    from splatreel.run.estimate import Estimate
     from splatreel.run.jobs import ChapteredRun
-    from splatreel.run.machines.estimate import Estimate
     from splatreel.run.machines.ray_cluster import ClusterOptions
     from splatreel.run.pipeline import RunSpec
 
@@ -21,9 +21,8 @@ def estimated(spec: RunSpec, workers: int | None) -> str:
     Raises:
         SplatreelError: As the run itself would raise it before it starts.
     """
-    from splatreel.run.gpu_speed import measure_run_speed
-    from splatreel.run.machine_speed import describe_processor
-    from splatreel.run.machines.estimate import estimate
+    from splatreel.run.estimate import estimate
+    from splatreel.run.machine_speed import describe_processor, measure_run_speed
     from splatreel.run.machines.local_processes import division_of
 
     with spec.opened() as run:
@@ -39,8 +38,8 @@ def estimated_jobs(spec: RunSpec) -> str:
         SplatreelError: As the run itself would raise it before it starts.
     """
     from splatreel.base import threads
-    from splatreel.run.gpu_speed import measure_run_speed
-    from splatreel.run.machines.estimate import estimate_jobs
+    from splatreel.run.estimate import estimate_jobs
+    from splatreel.run.machine_speed import measure_run_speed
 
     with spec.opened() as run:
         count = threads.count()
@@ -69,11 +68,11 @@ def estimated_on_cluster(spec: RunSpec, address: str, options: ClusterOptions) -
     Raises:
         SplatreelError: As the run itself would raise it before it starts.
     """
-    from splatreel.run.gpu_speed import measure_run_speed
-    from splatreel.run.machines.estimate import estimate_jobs
+    from splatreel.run.estimate import estimate_jobs
+    from splatreel.run.machine_speed import measure_run_speed
     from splatreel.run.machines.ray_cluster import connected
     from splatreel.run.machines.ray_nodes import share_nodes
-    from splatreel.run.memory import needed_memory
+    from splatreel.run.requirements import needed_memory
 
     with connected(address) as ray, spec.opened() as run:
         need = needed_memory(run.capture, run.config)
@@ -124,7 +123,7 @@ def _stages(found: Estimate) -> list[str]:
 
 
 def _memory(run: ChapteredRun, found: Estimate) -> list[str]:
-    from splatreel.run.memory import FITS, fitting_width, free_memory
+    from splatreel.run.requirements import FITS, fitting_width, free_memory
 
     free, text = free_memory(), f"Memory: about {found.memory / 1e9:.1f} GB at most"
     if free is None:

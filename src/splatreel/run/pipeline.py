@@ -18,12 +18,11 @@ from splatreel.method.init.layout import check_region
 from splatreel.run.device_choice import largest_buffer, pick_gpu
 from splatreel.run.groups import reconstruct_groups
 from splatreel.run.jobs import ChapteredRun, ChapterReelWriter, chapter_job, scene_job
-from splatreel.run.memory import check_memory
 from splatreel.run.output.group_output import ReelOutput, RegionOutput
 from splatreel.run.output.group_writer import GroupWriter, PresentationHook, no_presentation
 from splatreel.run.output.sound_output import select_soundtrack
 from splatreel.run.preparation import open_reel_writer, prepare, save_header
-from splatreel.run.requirements import check_capture, check_networks
+from splatreel.run.requirements import check_capture, check_memory, check_networks
 from splatreel.run.run_record import recorded_settings
 from splatreel.run.store import Store
 from splatreel.scene.static_points import StaticPoints

@@ -1,6 +1,6 @@
 """Steps of a reconstruction by their names: texts for the user, names of measured seconds, and checkpoints.
 
-`method/algorithm.py` computes the steps of a group, and `run/costs.py` knows the time that each takes.
+`method/algorithm.py` computes the steps of a group, and `run/estimate.py` knows the time that each takes.
 """
 
 from __future__ import annotations

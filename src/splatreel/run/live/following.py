@@ -40,12 +40,11 @@ from splatreel.run.live.retention import (
     static_before,
     trained_points,
 )
-from splatreel.run.memory import check_memory
 from splatreel.run.output.group_output import Output, ReelOutput
 from splatreel.run.output.group_writer import GroupWriter, PresentationHook, no_presentation, open_writer
 from splatreel.run.pipeline import Result
 from splatreel.run.preparation import prepare, save_header
-from splatreel.run.requirements import check_capture, check_networks
+from splatreel.run.requirements import check_capture, check_memory, check_networks
 from splatreel.run.run_lock import RunLock
 from splatreel.run.run_record import recorded_settings, run_record
 from splatreel.run.store import Store

@@ -18,14 +18,14 @@ from splatreel.base.errors import UsageError
 from splatreel.base.process import signals_held
 from splatreel.base.progress import Progress, Silent, parts_of
 from splatreel.run.device_choice import count_cuda_devices, release_cuda_memory
+from splatreel.run.estimate import Division, divide
 from splatreel.run.jobs import ChapteredRun, scene_job
 from splatreel.run.machines.driver import Driver
 from splatreel.run.machines.reports import ChapterEnded, Noted, Reached, Report
-from splatreel.run.machines.scaling import Division, divide
 from splatreel.run.machines.worker import serve_chapters
-from splatreel.run.memory import free_memory, needed_memory
 from splatreel.run.output.group_writer import PresentationHook, no_presentation
 from splatreel.run.pipeline import Result, RunSpec, reconstruct_run, result_of
+from splatreel.run.requirements import free_memory, needed_memory
 
 PATIENCE = 2.0
 """Seconds for all workers to end before they are killed. A command must end within five seconds of a signal."""

@@ -22,9 +22,9 @@ from splatreel.run.machines.exchange import Exchange
 from splatreel.run.machines.node import NodeTask, make_chapter, make_scene
 from splatreel.run.machines.ray_nodes import ClusterPlan, Resources, share_nodes
 from splatreel.run.machines.reports import ChapterEnded, GroupDone, Noted, Reached, Report
-from splatreel.run.memory import needed_memory
 from splatreel.run.output.group_writer import PresentationHook, no_presentation
 from splatreel.run.pipeline import Result, RunSpec, reconstruct_sequence, result_of
+from splatreel.run.requirements import needed_memory
 
 TIMEOUT = 10.0
 """Seconds within which the head of a cluster must answer."""

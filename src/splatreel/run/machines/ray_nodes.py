@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from splatreel.base.errors import UsageError
-from splatreel.run.machines.scaling import SERIAL_CHAPTER, WORTH, job_time
+from splatreel.run.estimate import SERIAL_CHAPTER, WORTH, job_time
 
 
 @dataclass(frozen=True)
