@@ -24,7 +24,7 @@ from splatreel.capture.base import Capture
 from splatreel.capture.median_images import median_images, moving_pixels
 from splatreel.codec.group_file import decode_layer, encode_layer
 from splatreel.config import Config
-from splatreel.config.records import complete_settings
+from splatreel.config.settings import complete_settings
 from splatreel.evaluation.evaluate import check_same_capture, check_unseen
 from splatreel.evaluation.perceptual import Lpips, load_lpips
 from splatreel.evaluation.quality import ImageComparison, Quality

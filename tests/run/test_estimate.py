@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from splatreel.config import Config, Quality, preset
-from splatreel.config.records import FORMER_DEFAULTS
-from splatreel.config.settings import changed
+from splatreel.config.settings import FORMER_DEFAULTS, changed
 from splatreel.run.estimate import (
     COSTS,
     SERIAL_CHAPTER,

@@ -20,7 +20,7 @@ from splatreel.base.progress import Silent, Span
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verification import verify_reel
 from splatreel.config import Config
-from splatreel.config.records import ADDED_SETTINGS
+from splatreel.config.settings import ADDED_SETTINGS
 from splatreel.evaluation.uncompressed import uncompressed_frames
 from splatreel.kernels.image import render_image
 from splatreel.run.pipeline import Result, reconstruct

@@ -46,7 +46,7 @@ def encode(
         sh_entries: Size of the codebook of view-dependent color; 0 drops it.
         source: Form of the motion that becomes video: ofs, offsets; ori, positions; dif, differences from frame to frame; raw, offsets
             as float32. The web player plays ofs only.
-        settings: Any setting of encode that `splatreel config` lists, such as encode.h265.crf_rotation=30; may be repeated.
+        settings: Any setting of encode that `splatreel config` lists, such as encode.h265.fold=false; may be repeated.
     """
     from splatreel.base.display import console
     from splatreel.codec.reel_sizes import reel_info

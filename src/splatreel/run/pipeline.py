@@ -12,7 +12,7 @@ from splatreel.capture.base import Capture
 from splatreel.capture.opening import CaptureSource
 from splatreel.codec.preview import remove_previews
 from splatreel.config import Config
-from splatreel.config.records import with_former_defaults
+from splatreel.config.settings import with_former_defaults
 from splatreel.method.algorithm import Handover
 from splatreel.method.init.layout import check_region
 from splatreel.run.device_choice import largest_buffer, pick_gpu

@@ -10,7 +10,7 @@ from typing import Any
 from splatreel.base.errors import ReconstructionError
 from splatreel.capture.base import Capture
 from splatreel.config import Config
-from splatreel.config.records import complete_settings
+from splatreel.config.settings import complete_settings
 from splatreel.run import checkpoint
 from splatreel.scene.group import chapter_spans, group_spans
 from splatreel.scene.reel_source import ReelSource, parse_reel_source

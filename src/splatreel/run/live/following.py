@@ -18,7 +18,7 @@ from splatreel.codec.encoder import EncodedLayer
 from splatreel.codec.predictive.precision import STEPS
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
-from splatreel.config.records import with_former_defaults
+from splatreel.config.settings import with_former_defaults
 from splatreel.method.algorithm import Handover
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.encode.compression import CompressedGroup, CompressedLayer
