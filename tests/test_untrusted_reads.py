@@ -37,21 +37,19 @@ ALLOWED = {
     "capture/readers/calibrations/toml_cameras.py": {"tomllib.loads"},
     "capture/video.py": {"av.open"},
     "play/served_files.py": {"open"},
-    "run/run_history.py": {"json.loads"},
     # Files in the output folder that the same program wrote: locks, checkpoints, logs, pictures
     "base/atomic.py": {"os.open"},
     "calibration/moment_solver.py": {"Image.open"},
     "codec/opus_sound.py": {"read_bytes"},
     "evaluation/page/report_page.py": {"Image.open"},
-    "run/checkpoint.py": {"load_file"},
-    "run/job_log.py": {"read_text"},
+    "run/store.py": {"load_file", "json.loads"},
+    "run/run_logs.py": {"read_text", "json.loads"},
     "run/live/live_soundtrack.py": {"read_bytes"},
     "run/output/sound_output.py": {"read_bytes"},
-    "run/run_lock.py": {"os.open"},
-    "run/store.py": {"json.loads"},
+    "run/run_folder.py": {"os.open"},
     # Messages between processes of one run
     "base/child_process.py": {"pickle.load"},
-    "run/machines/node.py": {"pickle.loads"},
+    "run/machines/ray_cluster.py": {"pickle.loads"},
     "run/machines/worker.py": {"pickle.loads"},
 }
 """Calls that read no file of a user, by module."""

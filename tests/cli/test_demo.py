@@ -10,7 +10,7 @@ from splatreel.cli import demo
 from splatreel.cli.main import main
 from splatreel.cli.options import with_set
 from splatreel.config import preset
-from splatreel.run.output import keyframe_preview
+from splatreel.run import groups
 from tests.method.small import small
 
 
@@ -33,7 +33,7 @@ def test_demo_makes_no_trial_of_novel_views_by_default() -> None:
 def test_demo_makes_a_reel_and_a_report_and_is_continued(
     tiny: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(keyframe_preview, "FIRST_AFTER", 0.0)
+    monkeypatch.setattr(groups, "FIRST_AFTER", 0.0)
     arguments = ["demo", "--out", str(tmp_path / "demo"), "--width", "64", "--height", "48", "--frames", "8"]
     assert main(arguments) == 0
     said = capsys.readouterr()

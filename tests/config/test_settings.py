@@ -23,8 +23,7 @@ from splatreel.config.settings import (
     with_former_defaults,
     without_effect,
 )
-from splatreel.run.run_lock import RunLock
-from splatreel.run.run_record import run_record
+from splatreel.run.run_folder import RunLock, run_record
 from tests.method.captures import WallCapture
 
 

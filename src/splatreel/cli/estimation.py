@@ -70,8 +70,7 @@ def estimated_on_cluster(spec: RunSpec, address: str, options: ClusterOptions) -
     """
     from splatreel.run.estimate import estimate_jobs
     from splatreel.run.machine_speed import measure_run_speed
-    from splatreel.run.machines.ray_cluster import connected
-    from splatreel.run.machines.ray_nodes import share_nodes
+    from splatreel.run.machines.ray_cluster import connected, share_nodes
     from splatreel.run.requirements import needed_memory
 
     with connected(address) as ray, spec.opened() as run:

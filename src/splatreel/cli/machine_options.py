@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from splatreel.base import threads
 from splatreel.base.errors import UsageError
 from splatreel.cli.printing import playable
-from splatreel.run.machines.share import JobName, Share, parse_share, share_of_task
+from splatreel.run.machines.batch import JobName, Share, parse_share, share_of_task
 from splatreel.storage.address import is_url, local_path
 
 if TYPE_CHECKING:

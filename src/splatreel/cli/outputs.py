@@ -54,7 +54,7 @@ def new_reel(out: Path) -> Iterator[NewFolder]:
     Raises:
         UsageError: The folder holds another finished reel, or the reel of a run.
     """
-    from splatreel.run.run_lock import lock_reel
+    from splatreel.run.run_folder import lock_reel
 
     refusal = _refusal(out)
     if out.name == "reel" and (out.parent / "work").is_dir() and (out / "manifest.json").is_file():

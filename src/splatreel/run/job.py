@@ -11,7 +11,7 @@ from splatreel.base.process import give_back_freed_memory
 from splatreel.base.progress import Progress, Span
 from splatreel.config import Config
 from splatreel.gpu.shared_gpu import SharedGpu
-from splatreel.run.run_history import RecordedProgress
+from splatreel.run.run_logs import RecordedProgress
 from splatreel.run.steps import STEPS
 from splatreel.run.store import Store
 from splatreel.scene.group import GroupSpan

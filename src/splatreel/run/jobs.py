@@ -24,12 +24,11 @@ from splatreel.method.algorithm import Handover
 from splatreel.run.estimate import Workload, chapter_plan, scene_plan, sequence_plan
 from splatreel.run.groups import reconstruct_groups
 from splatreel.run.job import Job, Plan
-from splatreel.run.job_log import LoggedProgress, logged
 from splatreel.run.output.group_output import ChapterOutput, ignore_group
 from splatreel.run.output.group_writer import GroupWriter, PresentationHook, open_writer
 from splatreel.run.output.sound_output import select_soundtrack
-from splatreel.run.run_lock import RunLock
-from splatreel.run.run_record import run_record
+from splatreel.run.run_folder import RunLock, run_record
+from splatreel.run.run_logs import LoggedProgress, logged
 from splatreel.run.shared_scene import load_plates, reconstruct_shared_scene, shared_rig
 from splatreel.run.store import Store
 from splatreel.scene.group import ChapterSpan, GroupSpan, chapter_spans, group_spans

@@ -23,7 +23,7 @@ from splatreel.run.output.group_writer import GroupWriter, PresentationHook, no_
 from splatreel.run.output.sound_output import select_soundtrack
 from splatreel.run.preparation import open_reel_writer, prepare, save_header
 from splatreel.run.requirements import check_capture, check_memory, check_networks
-from splatreel.run.run_record import recorded_settings
+from splatreel.run.run_folder import recorded_settings
 from splatreel.run.store import Store
 from splatreel.scene.static_points import StaticPoints
 

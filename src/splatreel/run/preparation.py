@@ -17,8 +17,8 @@ from splatreel.run.job import Job
 from splatreel.run.output.group_writer import header_of, open_writer
 from splatreel.run.output.sound_output import Soundtrack, save_soundtrack
 from splatreel.run.requirements import check_images
-from splatreel.run.run_lock import RunLock
-from splatreel.run.step_checkpoints import POSES
+from splatreel.run.run_folder import RunLock
+from splatreel.run.steps import POSES
 from splatreel.run.store import GroupStore
 
 

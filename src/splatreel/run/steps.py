@@ -1,26 +1,119 @@
-"""Steps of a reconstruction by their names: texts for the user, names of measured seconds, and checkpoints.
+"""Steps of a reconstruction by their names: texts for the user, names of measured seconds, checkpoints, and their execution.
 
 `method/algorithm.py` computes the steps of a group, and `run/estimate.py` knows the time that each takes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, TypeVarTuple
 
+import numpy as np
+
+from splatreel.base.progress import Progress
 from splatreel.config import Config
-from splatreel.method.layering.labels import Layers
+from splatreel.method.cameras.exposure import Exposure, at_next_keyframe
+from splatreel.method.cameras.rig import Poses, Rig
+from splatreel.method.layering.labels import Layers, RelitPoints
 from splatreel.method.tracking.tracking import GroupStart
-from splatreel.run.step_checkpoints import (
-    CHAPTER,
-    EXPOSURE,
-    KEYFRAME,
-    LAYERS,
-    POSES,
-    TRACKS,
-    StepCheckpoint,
+from splatreel.method.train.keyframe_trainer import KeyframeResult
+from splatreel.run.store import Arrays, GroupStore, pack, present, unpack
+from splatreel.scene.group import GroupSpan
+
+if TYPE_CHECKING:
+    from splatreel.run.job import Job
+
+Found = TypeVar("Found")
+
+
+@dataclass(frozen=True)
+class StepCheckpoint(Generic[Found]):
+    """File that holds the result of a step.
+
+    Attributes:
+        name: Name of the file without its suffix.
+        to_arrays: Returns a result as arrays.
+        from_arrays: Returns the result that `to_arrays` gave these arrays for.
+    """
+
+    name: str
+    to_arrays: Callable[[Found], Arrays]
+    from_arrays: Callable[[Arrays], Found]
+
+    def load(self, store: GroupStore) -> Found | None:
+        """Return the saved result; None where there is none."""
+        arrays = store.load(self.name)
+        return None if arrays is None else self.from_arrays(arrays)
+
+    def save(self, store: GroupStore, found: Found) -> None:
+        """Save a result."""
+        store.save(self.name, self.to_arrays(found))
+
+
+def _pack_keyframe(found: KeyframeResult) -> Arrays:
+    return pack(found.points) | {"gains": found.gains} | present(alive=found.alive)
+
+
+def _unpack_keyframe(arrays: Arrays) -> KeyframeResult:
+    return KeyframeResult(unpack(arrays), arrays["gains"], arrays.get("alive"))
+
+
+def _pack_layers(found: Layers) -> Arrays:
+    arrays = {"alive": found.alive, "light": found.relit.light}
+    kinds = {"settled": found.new_static, "dynamic": found.dynamic, "relit": found.relit.points}
+    for kind, points in kinds.items():
+        arrays |= pack(points, f"{kind}_")
+    return arrays
+
+
+def _unpack_layers(arrays: Arrays) -> Layers:
+    new_static, dynamic, relit = (unpack(arrays, f"{kind}_") for kind in ("settled", "dynamic", "relit"))
+    return Layers(arrays["alive"], new_static, dynamic, RelitPoints(relit, arrays["light"]))
+
+
+def _pack_tracks(found: GroupStart) -> Arrays:
+    return pack(found.dynamic) | present(tracks=found.tracks, shades=found.shades, left=found.departed)
+
+
+def _unpack_tracks(arrays: Arrays) -> GroupStart:
+    return GroupStart(unpack(arrays), arrays.get("tracks"), arrays.get("shades"), arrays.get("left"))
+
+
+EXPOSURE = StepCheckpoint[Exposure](
+    "exposure",
+    lambda found: {"change": found.change, "light": found.light},
+    lambda arrays: Exposure(arrays["change"], arrays["light"]),
 )
+POSES = StepCheckpoint[Poses](
+    "poses",
+    lambda found: {"viewmats": found.viewmats} | present(kept=found.kept),
+    lambda arrays: Poses(arrays["viewmats"], arrays.get("kept")),
+)
+"""Poses of a group. Those of the first group are found before it begins, and may leave cameras out."""
+KEYFRAME = StepCheckpoint[KeyframeResult]("keyframe", _pack_keyframe, _unpack_keyframe)
+CHAPTER = StepCheckpoint[KeyframeResult]("chapter", _pack_keyframe, _unpack_keyframe)
+"""First keyframe of a chapter."""
+LAYERS = StepCheckpoint[Layers]("layering", _pack_layers, _unpack_layers)
+TRACKS = StepCheckpoint[GroupStart]("tracking", _pack_tracks, _unpack_tracks)
+TIME_OFFSETS = StepCheckpoint[np.ndarray]("delays", lambda found: {"delays": found}, lambda arrays: arrays["delays"])
+"""Time offsets [C] of the cameras at the end of a group."""
+
+
+def restored_rig(rig: Rig, store: GroupStore, own: int) -> Rig:
+    """Return the cameras after a finished group.
+
+    Args:
+        rig: Cameras as the group found them.
+        store: Checkpoints of the group.
+        own: Number of frames of the group without the overlap.
+    """
+    poses, exposure, offsets = POSES.load(store), EXPOSURE.load(store), TIME_OFFSETS.load(store)
+    keyframe = KEYFRAME.load(store) or CHAPTER.load(store)
+    rig = rig if poses is None else rig.with_poses(poses)  # comes first, because it may leave cameras out
+    rig = rig if exposure is None else at_next_keyframe(rig, exposure, own)
+    rig = rig if keyframe is None else replace(rig, gains=keyframe.gains)
+    return rig if offsets is None else rig.with_offsets(offsets)
 
 
 def _one(config: Config, frames: int) -> int:
@@ -115,3 +208,55 @@ STEPS = {
     "encode": Step("encode", _ENCODING, "encoding the group", numbers=lambda found, *_: {}),
 }
 """All steps in their order. "motion", "layer" and "encode" have no checkpoint here: the output saves layers and groups."""
+
+
+Arguments = TypeVarTuple("Arguments")
+
+
+@dataclass(frozen=True)
+class StepRun:
+    """Executor of steps.
+
+    Attributes:
+        job: The run, or the chapter.
+        store: Checkpoints of the group, or of the scene that all chapters share.
+        span: Frames of the group; None for the scene.
+        sinks: Functions that write the results of steps, by the names of the steps.
+    """
+
+    job: Job
+    store: GroupStore
+    span: GroupSpan | None = None
+    sinks: Mapping[str, Callable[[Any], None]] = field(default_factory=dict)
+
+    @property
+    def progress(self) -> Progress:
+        """Display of the progress."""
+        return self.job.progress
+
+    def __call__(self, step: str, compute: Callable[[*Arguments], Found], *arguments: *Arguments) -> Found:
+        """Return the result of a step: load it, or compute, save and report it.
+
+        Args:
+            step: Name of the step in `STEPS`.
+            compute: Returns the result.
+            arguments: Arguments of `compute`.
+        """
+        about = STEPS[step]
+        with self.job.timed(about.timing):
+            found = about.checkpoint and about.checkpoint.load(self.store)
+            return self._execute(step, compute, *arguments) if found is None else found
+
+    def _execute(self, step: str, compute: Callable[[*Arguments], Found], *arguments: *Arguments) -> Found:
+        about, frames = STEPS[step], 1 if self.span is None else self.span.count
+        steps = about.steps(self.job.config, frames)
+        if about.text:
+            self.job.show(step, steps, self.span)
+        found = compute(*arguments)
+        if about.checkpoint is not None:
+            about.checkpoint.save(self.store, found)
+        if step in self.sinks:
+            self.sinks[step](found)
+        if about.numbers is not None:
+            self.progress.update(steps, **about.numbers(found, *arguments))
+        return found

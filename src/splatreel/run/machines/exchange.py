@@ -10,8 +10,8 @@ from pathlib import Path
 
 from splatreel.base.errors import StorageError
 from splatreel.base.untrusted import open_regular
-from splatreel.run.job_log import LOGS
 from splatreel.run.jobs import chapter_name
+from splatreel.run.run_logs import LOGS
 from splatreel.run.store import LAST_OF_GROUP, REEL_FILES_OF_GROUP, Store
 from splatreel.scene.group import ChapterSpan
 from splatreel.storage.address import Address, log_retry

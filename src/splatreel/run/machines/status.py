@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass, replace
 
 from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import ReelError, StorageError
-from splatreel.run.job_log import read_log
 from splatreel.run.jobs import ChapteredRun, chapter_name, has_chapter
+from splatreel.run.run_logs import read_log
 from splatreel.storage.address import Address
 
 STATUS = "status.json"
