@@ -14,8 +14,15 @@ from splatreel.base import threads
 from splatreel.base.command_line import install_command, option, quoted
 from splatreel.base.errors import ReconstructionError, UsageError
 from splatreel.base.threads import use as use_threads
-from splatreel.cli.options import CaptureAddress, CaptureFolder, NewFolder, parse_frames, parse_held_out, parse_left_out
-from splatreel.cli.outputs import check_out
+from splatreel.cli.options import (
+    CaptureAddress,
+    CaptureFolder,
+    OutFolder,
+    check_out,
+    parse_frames,
+    parse_held_out,
+    parse_left_out,
+)
 from splatreel.cli.printing import already_complete, counted, say
 
 if TYPE_CHECKING:
@@ -359,7 +366,7 @@ def capture_sync(capture: CaptureFolder, /, leave_out: str | None = None, dry_ru
 
 def capture_convert(
     capture: CaptureAddress,
-    out: NewFolder,
+    out: OutFolder,
     /,
     width: int | None = None,
     frames: str | None = None,
@@ -394,7 +401,7 @@ def capture_convert(
 
 
 def capture_film(
-    out: NewFolder,
+    out: OutFolder,
     /,
     width: int = 256,
     height: int = 192,

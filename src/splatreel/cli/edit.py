@@ -8,10 +8,8 @@ from typing import Annotated
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from splatreel.base.errors import UsageError
-from splatreel.cli.options import ReelAddress, reel_folder
-from splatreel.cli.outputs import check_out
+from splatreel.cli.options import ReelAddress, ReelTexts, check_out, reel_folder
 from splatreel.cli.printing import already_complete, playable, say
-from splatreel.cli.reel_texts import ReelTexts
 
 
 def edit(

@@ -7,8 +7,7 @@ from typing import Any
 
 from splatreel.base.errors import UsageError
 from splatreel.cli.info import describe
-from splatreel.cli.options import RunFolder, Set, check_effect, parse_renditions, parse_set
-from splatreel.cli.outputs import check_out, new_reel
+from splatreel.cli.options import RunFolder, Set, check_effect, check_out, new_reel, parse_renditions, parse_set
 from splatreel.cli.printing import already_complete, say
 from splatreel.config import COARSENESS, Codec, Config, EncodeConfig, Rate, Source
 from splatreel.config.settings import changed

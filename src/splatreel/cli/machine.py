@@ -1,8 +1,9 @@
-"""`splatreel devices`."""
+"""`splatreel devices` and `splatreel warmup`, verbs about this machine."""
 
 from __future__ import annotations
 
-from splatreel.cli.printing import say
+from splatreel.base.threads import use as use_threads
+from splatreel.cli.printing import counted, say
 
 
 def devices(measure: bool = True) -> None:
@@ -45,3 +46,22 @@ def devices(measure: bool = True) -> None:
         say(f"--device auto uses {why}")
     else:
         say(f"--device auto uses the CPU. {why}")
+
+
+def warmup(threads: int | None = None) -> None:
+    """Compile all CPU kernels now, so that the first reconstruction on this machine does not wait for them.
+
+    Args:
+        threads: Number of processes that compile; by default one per core.
+    """
+    use_threads(threads)
+    from splatreel.base import threads as limit
+    from splatreel.base.display import console
+    from splatreel.kernels.warmup import compile_kernels
+
+    progress = console()
+    try:
+        compiled = compile_kernels(progress, limit.count())
+    finally:
+        progress.close()
+    say(f"{counted(compiled, 'kernel')} compiled." if compiled else "All kernels were compiled before.")
