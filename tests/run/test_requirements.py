@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from splatreel.base import cgroups
+from splatreel.base import process
 from splatreel.base.errors import MissingDependencyError, ReconstructionError
 from splatreel.base.paged_arrays import SMALLEST
 from splatreel.config import Config, LayeringConfig, preset
@@ -198,8 +198,8 @@ def test_recommended_width_is_at_most_the_images_width() -> None:
 
 
 def test_limit_of_a_container_counts(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
-    monkeypatch.setattr(cgroups, "MOUNTED", tmp_path)
-    monkeypatch.setattr(cgroups, "OWN", tmp_path / "own")
+    monkeypatch.setattr(process, "MOUNTED", tmp_path)
+    monkeypatch.setattr(process, "OWN", tmp_path / "own")
     (tmp_path / "own").write_text("0::/\n")
     monkeypatch.setattr(requirements, "physical_memory", lambda: 8 << 30)
     assert requirements.total_memory() == 8 << 30

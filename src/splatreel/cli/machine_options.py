@@ -15,7 +15,7 @@ from splatreel.base import threads
 from splatreel.base.errors import UsageError
 from splatreel.base.progress import format_rounded, format_seconds
 from splatreel.cli.printing import counted, playable
-from splatreel.run.machines.batch import JobName, Share, parse_share, share_of_task
+from splatreel.run.machines.share import JobName, Share, parse_share, share_of_task
 from splatreel.storage.address import is_url, local_path
 
 if TYPE_CHECKING:

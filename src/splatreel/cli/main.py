@@ -15,8 +15,13 @@ from tyro.conf import DisallowNone
 from tyro.extras import SubcommandApp
 
 from splatreel import __version__
-from splatreel.base.compile_cache import choose_compile_cache
-from splatreel.base.process import check_address_space, keep_freed_memory, open_standard_streams, quiet_threads
+from splatreel.base.process import (
+    check_address_space,
+    choose_compile_cache,
+    keep_freed_memory,
+    open_standard_streams,
+    quiet_threads,
+)
 from splatreel.base.progress import printable
 from splatreel.cli.capture import (
     capture_board,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.base import cgroups
+from splatreel.base import process
 from splatreel.base.errors import ReconstructionError
 from splatreel.base.paged_arrays import stores_in_file
 from splatreel.capture.base import Capture
@@ -105,13 +105,13 @@ def physical_memory() -> int | None:
 
 def total_memory() -> int | None:
     """Return the bytes that programs may take when nothing else runs, of the machine or of the container; None if unknown."""
-    found = [room for room in (physical_memory(), cgroups.memory_limit()) if room is not None]
+    found = [room for room in (physical_memory(), process.memory_limit()) if room is not None]
     return min(found) if found else None
 
 
 def free_memory() -> int | None:
     """Return the bytes that programs may still take, of the machine or of the container; None if unknown."""
-    found = [room for room in (_free_of_machine(), cgroups.free_memory()) if room is not None]
+    found = [room for room in (_free_of_machine(), process.free_memory()) if room is not None]
     return min(found) if found else None
 
 

@@ -15,7 +15,8 @@ from splatreel.base import threads
 from splatreel.base.errors import ReconstructionError, UsageError
 from splatreel.base.progress import Silent
 from splatreel.config.settings import changed
-from splatreel.run.machines.batch import JobName, Share, parse_share, run_job, share_of_task
+from splatreel.run.machines.batch import run_job
+from splatreel.run.machines.share import JobName, Share, parse_share, share_of_task
 from splatreel.run.output.group_writer import no_presentation
 from splatreel.run.pipeline import RunSpec
 from tests.method.captures import WallCapture
