@@ -241,5 +241,5 @@ def test_run_with_a_removed_setting_continues_if_it_has_the_fixed_value(tmp_path
     enter(tmp_path, {"config": with_removed(name, value)})
     with pytest.raises(ReconstructionError, match=rf"config.{name} is 7 there, not to be set now"):
         enter(tmp_path, {"config": with_removed(name, 7)})
-    with pytest.raises(UsageError, match=rf"{name} is no setting any more: it is {shown(value)} in every run"):
+    with pytest.raises(UsageError, match=rf"{name} is not a setting any more: it is {shown(value)} in every run"):
         parse_settings([f"{name}=7"])

@@ -1,4 +1,4 @@
-"""Expected seconds against measured ones: one thread, or two idle threads, which take 0.64 of it (`scaling.SERIAL_CHAPTER`)."""
+"""Expected seconds against measured ones: one thread, or two idle threads, which take 0.64 of it (`SERIAL_CHAPTER`)."""
 
 from __future__ import annotations
 
@@ -13,21 +13,16 @@ from hypothesis import strategies as st
 
 from splatreel.config import Config, Quality, preset
 from splatreel.config.settings import FORMER_DEFAULTS, changed
+from splatreel.run.costs import COSTS, Workload, chapter_plan, facing, scene_plan, sequence_plan
 from splatreel.run.estimate import (
-    COSTS,
     SERIAL_CHAPTER,
     Division,
-    Workload,
-    chapter_plan,
     chapters_time,
     divide,
     estimate,
-    facing,
     job_time,
     moving_share,
     run_time,
-    scene_plan,
-    sequence_plan,
 )
 from splatreel.run.job import Plan
 from splatreel.run.machine_speed import MachineSpeed

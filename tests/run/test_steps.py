@@ -15,7 +15,7 @@ from splatreel.method.cameras.rig import Poses, Rig
 from splatreel.method.layering.labels import Layers, RelitPoints
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.keyframe_trainer import KeyframeResult
-from splatreel.run.job import Job, Plan
+from splatreel.run.job import Job, Plan, StepRun
 from splatreel.run.steps import (
     CHAPTER,
     EXPOSURE,
@@ -26,7 +26,6 @@ from splatreel.run.steps import (
     TIME_OFFSETS,
     TRACKS,
     StepCheckpoint,
-    StepRun,
     restored_rig,
 )
 from splatreel.run.store import FIELDS, GroupStore, Store

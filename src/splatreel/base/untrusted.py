@@ -282,11 +282,6 @@ class _ArrayUnpickler(pickle.Unpickler):
 class ArrayRows:
     """Rows of a numeric array in a .npz file. One row is in memory at a time.
 
-    Args:
-        path: Archive.
-        name: Name of the array.
-        kind: Error constructor.
-
     Raises:
         SplatreelError: Of the given kind, as `read_arrays`.
     """
@@ -311,7 +306,6 @@ class ArrayRows:
         return self.shape[0]
 
     def __getitem__(self, row: int) -> np.ndarray:
-        """Return a row. Rows in increasing order are fast, also in a compressed archive."""
         size = math.prod(self.shape[1:]) * self.dtype.itemsize
         with naming_damage(self._subject, self._kind):
             self._member.seek(self._start + row * size)

@@ -75,7 +75,6 @@ def _edit_texts(reel: str | Path, given: dict[str, str]) -> None:
 
 
 def _edit_points(reel: str | Path, operations: list[str], out: Path, given: dict[str, str]) -> None:
-    """Write the edited reel."""
     from splatreel.base.display import console
     from splatreel.base.new_folder import is_taken
     from splatreel.edit.clip_writer import write_clip

@@ -257,7 +257,6 @@ class _Watch(threading.Thread):
     """Thread that waits for the bytes that the interpreter writes when a signal arrives, without a turn of the main thread."""
 
     def __init__(self, read: int, say: Callable[[int], tuple[str, int]]) -> None:
-        """Remember the pipe and the message."""
         super().__init__(name="splatreel deadline", daemon=True)
         self.read = read
         self.say = say

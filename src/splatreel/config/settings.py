@@ -188,7 +188,7 @@ def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
             raise UsageError(f"{text!r:.60} has no value. Write NAME=VALUE, such as group.lambda_arap=0.")
         if name in REMOVED_SETTINGS:
             raise UsageError(
-                f"{name} is no setting any more: it is {shown(REMOVED_SETTINGS[name])} in every run. Leave it out."
+                f"{name} is not a setting any more: it is {shown(REMOVED_SETTINGS[name])} in every run. Leave it out."
             )
         if name not in settings():
             raise UsageError(f"{name!r:.60} is not a setting. {_suggestion(name)}`splatreel config` lists all.")

@@ -18,9 +18,9 @@ from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.init.layout import Layout
 from splatreel.method.init.visual_hull import is_sparse
 from splatreel.method.train.group_trainer import GroupResult
-from splatreel.run.job import Job
+from splatreel.run.job import Job, StepRun
 from splatreel.run.output.group_output import Output
-from splatreel.run.steps import TIME_OFFSETS, StepRun, restored_rig
+from splatreel.run.steps import TIME_OFFSETS, restored_rig
 from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import GroupSpan

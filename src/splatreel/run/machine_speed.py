@@ -42,9 +42,6 @@ class Probe:
     """A training step on random points that is timed.
 
     Attributes:
-        points: Number of points.
-        width: Width of the image in pixels.
-        height: Height of the image in pixels.
         scale: Mean logarithm of the points' scales.
         seconds: Seconds of the step on one thread of the machine that `costs` was measured on.
         repeats: Number of steps. The fastest counts, so that other programs hardly matter.
@@ -125,8 +122,6 @@ class ProbeScene:
     """Points in front of a camera.
 
     Attributes:
-        gaussians: The points.
-        view: The camera.
         near: Near plane, world units.
         unit: Typical viewing distance, world units.
     """

@@ -33,8 +33,6 @@ class Result:
     """Folders and times of a finished reconstruction.
 
     Attributes:
-        reel: Folder of the reel.
-        work: Folder of the checkpoints.
         seconds: Seconds by stage, summed over groups and interrupted runs.
         device: Device that trained, cpu, cuda or gpu.
     """
@@ -145,9 +143,6 @@ class RunSpec:
     Attributes:
         open_capture: Called by each process to open the capture, such as `CaptureSource(path, {"width": 640})`. A `CaptureSource` gets
             the frame tables of the run, so that no video is scanned twice.
-        out: Output folder.
-        config: Settings.
-        sound: The soundtrack.
         device: auto, cpu, gpu or cuda.
     """
 

@@ -143,7 +143,6 @@ class RunLock:
         part: str = "",
         writes: Iterable[tuple[Path, str]] | None = None,
     ) -> None:
-        """Prepare the lock without taking it."""
         self.out = out
         self.reel = out / "reel"
         self.work = out / "work"
@@ -153,7 +152,6 @@ class RunLock:
         self._lock: int | None = None
 
     def __enter__(self) -> RunLock:
-        """Take the lock."""
         self._lock = self._acquire()
         try:
             self._check()
@@ -165,7 +163,6 @@ class RunLock:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Release the lock."""
         self._release()
 
     def save_record(self) -> None:

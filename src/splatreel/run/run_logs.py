@@ -36,7 +36,6 @@ class JobLog:
     """Appends lines to the log of a job. Errors of the disk are ignored."""
 
     def __init__(self, path: Path) -> None:
-        """Remember the file."""
         self.path = path
 
     def write(self, text: str) -> None:
@@ -50,7 +49,6 @@ class LoggedProgress:
     """Progress display of a job that also logs stages and notes."""
 
     def __init__(self, progress: Progress, log: JobLog) -> None:
-        """Remember the display and the log."""
         self._progress = progress
         self._log = log
 
@@ -101,7 +99,6 @@ class LoggedState:
     Attributes:
         state: waiting, running (or lost), finished or failed.
         node: Machine of the last attempt.
-        attempts: Number of attempts.
         error: Reason why the last attempt failed, in one line.
     """
 

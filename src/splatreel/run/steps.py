@@ -1,17 +1,16 @@
-"""Steps of a reconstruction by their names: texts for the user, names of measured seconds, checkpoints, and their execution.
+"""Steps of a reconstruction by their names: texts for the user, names of measured seconds, and checkpoints.
 
-`method/algorithm.py` computes the steps of a group, and `run/estimate.py` knows the time that each takes.
+`method/algorithm.py` computes the steps of a group, and `run/costs.py` knows the time that each takes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Generic, TypeVar, TypeVarTuple
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from splatreel.base.progress import Progress
 from splatreel.config import Config
 from splatreel.method.cameras.exposure import Exposure, at_next_keyframe
 from splatreel.method.cameras.rig import Poses, Rig
@@ -19,10 +18,6 @@ from splatreel.method.layering.labels import Layers, RelitPoints
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.keyframe_trainer import KeyframeResult
 from splatreel.run.store import Arrays, GroupStore, pack, present, unpack
-from splatreel.scene.group import GroupSpan
-
-if TYPE_CHECKING:
-    from splatreel.run.job import Job
 
 Found = TypeVar("Found")
 
@@ -208,55 +203,3 @@ STEPS = {
     "encode": Step("encode", _ENCODING, "encoding the group", numbers=lambda found, *_: {}),
 }
 """All steps in their order. "motion", "layer" and "encode" have no checkpoint here: the output saves layers and groups."""
-
-
-Arguments = TypeVarTuple("Arguments")
-
-
-@dataclass(frozen=True)
-class StepRun:
-    """Executor of steps.
-
-    Attributes:
-        job: The run, or the chapter.
-        store: Checkpoints of the group, or of the scene that all chapters share.
-        span: Frames of the group; None for the scene.
-        sinks: Functions that write the results of steps, by the names of the steps.
-    """
-
-    job: Job
-    store: GroupStore
-    span: GroupSpan | None = None
-    sinks: Mapping[str, Callable[[Any], None]] = field(default_factory=dict)
-
-    @property
-    def progress(self) -> Progress:
-        """Display of the progress."""
-        return self.job.progress
-
-    def __call__(self, step: str, compute: Callable[[*Arguments], Found], *arguments: *Arguments) -> Found:
-        """Return the result of a step: load it, or compute, save and report it.
-
-        Args:
-            step: Name of the step in `STEPS`.
-            compute: Returns the result.
-            arguments: Arguments of `compute`.
-        """
-        about = STEPS[step]
-        with self.job.timed(about.timing):
-            found = about.checkpoint and about.checkpoint.load(self.store)
-            return self._execute(step, compute, *arguments) if found is None else found
-
-    def _execute(self, step: str, compute: Callable[[*Arguments], Found], *arguments: *Arguments) -> Found:
-        about, frames = STEPS[step], 1 if self.span is None else self.span.count
-        steps = about.steps(self.job.config, frames)
-        if about.text:
-            self.job.show(step, steps, self.span)
-        found = compute(*arguments)
-        if about.checkpoint is not None:
-            about.checkpoint.save(self.store, found)
-        if step in self.sinks:
-            self.sinks[step](found)
-        if about.numbers is not None:
-            self.progress.update(steps, **about.numbers(found, *arguments))
-        return found

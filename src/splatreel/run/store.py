@@ -145,7 +145,6 @@ class StoredGroup:
     """A finished group before encoding.
 
     Attributes:
-        group: The group.
         importance: Importance [N, 3] of its dynamic points; None where it was not measured.
         steps: Quantization steps of the group's file at a coarseness of 1.
     """
@@ -159,7 +158,6 @@ class GroupStore:
     """Checkpoints of one group, or of the scene that chapters share."""
 
     def __init__(self, folder: Path) -> None:
-        """Remember the folder."""
         self.folder = folder
 
     def load(self, name: str) -> Arrays | None:
@@ -264,7 +262,6 @@ class Store:
     """Checkpoints of a whole run."""
 
     def __init__(self, work: Path) -> None:
-        """Remember the folder OUT/work."""
         self.work = work
 
     def group(self, index: int) -> GroupStore:

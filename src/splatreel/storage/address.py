@@ -126,7 +126,6 @@ class Address:
             raise UsageError(f"{self._shown}: is not an address ({error}). Correct it.") from error
 
     def __str__(self) -> str:
-        """Return the address for messages, without passwords and signatures."""
         return self._shown
 
     def name(self, file: str) -> str:

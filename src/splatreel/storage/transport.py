@@ -165,7 +165,6 @@ def _is_passing(chain: list[BaseException], status: int | None) -> bool:
 
 
 def _causes(error: BaseException) -> list[BaseException]:
-    """Return an error and its causes."""
     chain: list[BaseException] = []
     link: Any = error
     while isinstance(link, BaseException) and link not in chain:
@@ -193,7 +192,6 @@ def _status(error: BaseException) -> int | None:
 
 
 def _code(error: BaseException) -> str | None:
-    """Return the code of an S3 error, if it is one."""
     response = getattr(error, "response", None)
     return response.get("Error", {}).get("Code") if isinstance(response, dict) else None
 

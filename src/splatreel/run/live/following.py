@@ -58,14 +58,12 @@ class Lateness:
     """Latency of a live run. It is late if another group's frames exist before a group begins, and caught up if none do.
 
     Attributes:
-        config: Settings.
         when_late: Reaction to lateness.
         length: Length of a group, seconds.
         late: Whether the run is late.
     """
 
     def __init__(self, config: Config, when_late: WhenLate, length: float, progress: Progress) -> None:
-        """Start caught up."""
         self.config = config
         self.when_late = when_late
         self.length = length
@@ -148,12 +146,10 @@ class Window:
     kept group shows them.
 
     Attributes:
-        store: Checkpoints.
         frames: Number of frames that are kept; None keeps all.
     """
 
     def __init__(self, store: Store, frames: int | None) -> None:
-        """Create a window, see the attributes."""
         self.store = store
         self.frames = frames
         self._rigs: deque[tuple[int, Rig]] = deque()
@@ -511,7 +507,6 @@ class LiveSpans:
     A group is yielded once at least one later frame exists, so that spans equal those of `group_spans`.
 
     Attributes:
-        follower: The growing capture.
         length: Frames of a group.
         overlap: Frames shared with the next group.
     """
@@ -534,7 +529,6 @@ class LiveSpans:
         self._skip = skip
 
     def __iter__(self) -> Iterator[GroupSpan]:
-        """Yield groups as their frames arrive."""
         while (span := self._wait(self._next)) is not None:
             yield span
             self._next = span.index + 1

@@ -37,7 +37,6 @@ class LiveSoundtrack:
 
     Attributes:
         folder: Folder of the segments.
-        follower: The growing capture.
         camera: Name of the camera; None is silence.
     """
 
@@ -60,14 +59,12 @@ class LiveSoundtrack:
         self._thread = Thread(target=self._encode, name="sound", daemon=True)
 
     def __enter__(self) -> LiveSoundtrack:
-        """Start the thread."""
         if self.camera is not None:
             write_bytes(self.folder / _INIT, initialization(self._channels))
             self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Stop the follower and wait for the thread."""
         self.follower.stop()
         if self.camera is not None:
             self._thread.join()

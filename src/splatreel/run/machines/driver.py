@@ -35,7 +35,6 @@ class Driver:
     def __init__(
         self, run: ChapteredRun, progress: Progress, present: PresentationHook, workers: int, url: str | None = None
     ) -> None:
-        """Write the groups that are finished already."""
         self.run = run
         self.progress = progress
         self.status = RunStatus(run, url)
@@ -56,13 +55,11 @@ class Driver:
             progress.stage(f"reconstructing {what}", STEPS, (self._begin, 1.0))
 
     def __enter__(self) -> Driver:
-        """Write the status."""
         self.status.published = self._reel.written
         self.status.write()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        """Write to the status that the run failed or was interrupted, if it was."""
         if error is not None and self.status.state == "running":
             self.status.state = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
             self.status.write()

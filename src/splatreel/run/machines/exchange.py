@@ -48,9 +48,6 @@ class SharedFolder:
     file of the same name.
 
     All methods raise `StorageError` if the address cannot be reached.
-
-    Args:
-        address: Address of the folder.
     """
 
     def __init__(self, address: Address) -> None:

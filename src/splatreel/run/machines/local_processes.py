@@ -113,8 +113,6 @@ class Worker:
     """A worker process.
 
     Attributes:
-        process: The process.
-        connection: Connection to it.
         gpu: GPU that it uses, if any.
         chapter: Chapter that it makes; None while it is idle.
         memory: Largest number of bytes that it held.
@@ -140,7 +138,6 @@ class WorkerPool:
     """
 
     def __init__(self, spec: RunSpec, places: list[str | None], threads: int, need: int) -> None:
-        """Start no process yet."""
         self._spec = pickle.dumps(spec)
         self._threads = threads
         self._need = need
@@ -151,11 +148,9 @@ class WorkerPool:
         self._waiting: deque[int] = deque()
 
     def __enter__(self) -> WorkerPool:
-        """Return the pool."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End all processes."""
         for worker in self._workers:
             worker.process.terminate()
         end = time.monotonic() + PATIENCE

@@ -46,13 +46,7 @@ from splatreel.run.run_logs import log_file
 
 @dataclass(frozen=True)
 class Resources:
-    """Resources of a job.
-
-    Attributes:
-        cores: Number of cores, and of threads.
-        gpus: Number of GPUs.
-        memory: Bytes of memory.
-    """
+    """Resources of a job."""
 
     cores: int
     gpus: int
@@ -64,8 +58,6 @@ class ClusterPlan:
     """Resources of all jobs.
 
     Attributes:
-        scene: Resources of the scene's job.
-        chapter: Resources of a chapter's job.
         at_once: Number of chapters that fit at a time.
     """
 
@@ -271,7 +263,6 @@ class Mailbox:
     """Actor beside the driver that collects the reports of nodes."""
 
     def __init__(self) -> None:
-        """Start empty."""
         self._reports: list[Report] = []
 
     def put(self, report: Report) -> None:
@@ -346,7 +337,6 @@ class _Cluster:
         progress: Progress,
         options: ClusterOptions,
     ) -> None:
-        """Wait for nodes, and start the mailbox."""
         self.ray = ray
         self.run = run
         self.exchange = exchange

@@ -100,8 +100,6 @@ class GroupWriter:
     """Writer of finished groups from checkpoints, in order from the first.
 
     Attributes:
-        writer: Writer of the reel.
-        store: Checkpoints.
         measured: Importance measured here, by group. Another writer of the same store can reuse it.
         encoded: Write the files that chapters encoded, instead of encoding again. The files of a region are encoded again.
     """
@@ -113,7 +111,6 @@ class GroupWriter:
         measured: dict[int, Importance] | None = None,
         encoded: bool = False,
     ) -> None:
-        """Create a writer, see the attributes. No group is written or skipped yet."""
         self.writer = writer
         self.store = store
         self.measured = {} if measured is None else measured

@@ -23,7 +23,6 @@ class Soundtrack:
     """An encoded soundtrack.
 
     Attributes:
-        encoded: Encoded segments.
         position: Position of the source, world units; None if it is not positional.
     """
 
