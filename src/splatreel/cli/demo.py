@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from splatreel.base.errors import UsageError
-from splatreel.base.progress import Estimate, Progress, Span
+from splatreel.base.progress import Estimate, PassedOn, Progress, Span
 from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import Set, check_effect, check_out, parse_set, with_set
 from splatreel.cli.printing import say, serving
@@ -133,7 +133,7 @@ def demo_config(quality: Quality, seed: int) -> Config:
     return dataclasses.replace(configure(quality, None, None, seed), check_coverage=False)
 
 
-class DemoPlayer:
+class DemoPlayer(PassedOn):
     """Progress display of the demo that also reports to the demo's page, and says once what can be watched.
 
     Args:
@@ -152,7 +152,7 @@ class DemoPlayer:
         from splatreel.play.served_files import RunFiles, ServedFiles
         from splatreel.play.server import Server
 
-        self._progress = progress
+        super().__init__(progress)
         self._estimate = Estimate()
         self._own = RunFiles(out)
         self._page = DemoPage(self._own)
@@ -167,7 +167,7 @@ class DemoPlayer:
         self._name = name
         self._estimate.stage(total, span)
         self._page.report(name)
-        self._progress.stage(name, total, span)
+        super().stage(name, total, span)
 
     def update(self, done: int, **numbers: float) -> None:
         """Report finished steps."""
@@ -175,14 +175,10 @@ class DemoPlayer:
         left = self._estimate.seconds_left()
         time_text = "" if left is None or left < 0.5 else f", {self._estimate.in_words(left)}"
         self._page.report(f"{self._name}: {100 * self._estimate.share:.0f} %{time_text}")
-        self._progress.update(done, **numbers)
+        super().update(done, **numbers)
         if not self._told and self._own.shows:
             self._told = True
             self.note(f"Watch your own reel, first its keyframe, later moving: {self.server.url}")
-
-    def note(self, text: str) -> None:
-        """Show one line."""
-        self._progress.note(text)
 
     def finish(self) -> None:
         """Say on the page that the user's reel is finished."""

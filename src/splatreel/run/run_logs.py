@@ -18,7 +18,7 @@ from splatreel import __version__
 from splatreel.base import threads
 from splatreel.base.errors import SplatreelError
 from splatreel.base.process import peak_memory_bytes, steady_clock
-from splatreel.base.progress import Progress, Span
+from splatreel.base.progress import PassedOn, Progress, Span
 from splatreel.base.untrusted import is_number, read_file
 from splatreel.run.machine_speed import describe_processor
 
@@ -45,26 +45,22 @@ class JobLog:
             file.write(f"{now} {text}\n")
 
 
-class LoggedProgress:
+class LoggedProgress(PassedOn):
     """Progress display of a job that also logs stages and notes."""
 
     def __init__(self, progress: Progress, log: JobLog) -> None:
-        self._progress = progress
+        super().__init__(progress)
         self._log = log
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
         """Log and show the beginning of a stage."""
         self._log.write(name)
-        self._progress.stage(name, total, span)
-
-    def update(self, done: int, **numbers: float) -> None:
-        """Show steps."""
-        self._progress.update(done, **numbers)
+        super().stage(name, total, span)
 
     def note(self, text: str) -> None:
         """Log and show a note."""
         self._log.write(f"note: {text}")
-        self._progress.note(text)
+        super().note(text)
 
 
 @contextmanager
@@ -130,7 +126,7 @@ LARGEST = 256 << 20
 _GROUP = re.compile(r"group (\d+)(?:/\d+)?: (.*)", re.S)
 
 
-class RecordedProgress:
+class RecordedProgress(PassedOn):
     """Progress display of a job that also records its history. Errors of the disk are ignored.
 
     Args:
@@ -144,7 +140,7 @@ class RecordedProgress:
     def __init__(
         self, progress: Progress, work: Path, part: str, device: str, clock: Callable[[], float] | None = None
     ) -> None:
-        self._progress = progress
+        super().__init__(progress)
         self._clock = clock or steady_clock()
         self._device = device
         self._path = work / LOGS / f"history{part and f'-{part}'}.jsonl"
@@ -157,19 +153,19 @@ class RecordedProgress:
         self._total = total
         self._next = 0
         self._write({"stage": name, "total": total})
-        self._progress.stage(name, total, span)
+        super().stage(name, total, span)
 
     def update(self, done: int, **numbers: float) -> None:
         """Show steps, and record some of them."""
         if done >= self._next or done >= self._total:
             self._next = done + max(self._total // SAMPLES, 1)
             self._write({"done": done, **numbers})
-        self._progress.update(done, **numbers)
+        super().update(done, **numbers)
 
     def note(self, text: str) -> None:
         """Record and show a note."""
         self._write({"note": text})
-        self._progress.note(text)
+        super().note(text)
 
     def _write(self, line: dict[str, Any]) -> None:
         with suppress(OSError, ValueError):  # ValueError: a loss that is no longer finite
