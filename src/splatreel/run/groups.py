@@ -37,14 +37,7 @@ def reconstruct_groups(
 ) -> None:
     """Reconstruct groups in order, from the first that is not finished. A thread decodes the frames of the next group ahead.
 
-    Args:
-        job: The run, or the chapter.
-        spans: Its groups.
-        capture: The capture that the frames are read from.
-        layout: Measures of the scene.
-        before: State that the first of the groups starts from.
-        output: Destination of finished layers and groups.
-        plates: Images [C, H, W, 3] uint8 of the shared scene, for a chapter.
+    The first group starts from the state `before`. A chapter has plates, images [C, H, W, 3] uint8 of the shared scene.
     """
     finished = min(job.store.finished_groups(spans[0].index), len(spans))
     for place, span in enumerate(spans[:finished]):
@@ -70,7 +63,7 @@ def run_group(
     missing: np.ndarray | None = None,
     alpha: np.ndarray | None = None,
 ) -> Handover:
-    """Reconstruct one group, with checkpoints, and write it.
+    """Reconstruct one group, with checkpoints, and write it. Return the state for the next group.
 
     Args:
         job: The run.
@@ -82,9 +75,6 @@ def run_group(
         plates: Images [C, H, W, 3] uint8 of the shared scene, for a chapter.
         missing: [T, C] bool, images that the cameras lack; None if all exist.
         alpha: [T, C, H, W] uint8, opacity of a subject before few cameras; None for all others.
-
-    Returns:
-        State for the next group.
     """
     config, store = job.config, job.store.group(span.index)
     if missing is not None:  # an image that stands in for a frame without any is better than none

@@ -257,17 +257,7 @@ def reconstruct_following(
     progress: Progress | None = None,
     present: PresentationHook = no_presentation,
 ) -> Result:
-    """Reconstruct a capture while it is being written, until it ends. Another call continues.
-
-    Args:
-        follower: The growing capture.
-        out: Output folder.
-        config: Settings.
-        live: Settings of the live reel.
-        sound: See `reconstruct`.
-        device: See `reconstruct`.
-        progress: See `reconstruct`.
-        present: See `reconstruct`.
+    """Reconstruct a capture while it is being written, until it ends. Another call continues. Other arguments: see `reconstruct`.
 
     Raises:
         CaptureError: If the capture ends before its first frame.
@@ -460,13 +450,7 @@ def write_skipped_group(
 ) -> Handover:
     """Write a group in which nothing moves, since a reel needs every frame. The next group starts from the same state.
 
-    Args:
-        job: The run.
-        span: Frames of the group.
-        before: State that the group before passed on.
-        edge: Images [C, H, W, 3] uint8 of the last frame before the gap.
-        layout: Measures of the scene.
-        output: Destination of the group.
+    `edge` has the images [C, H, W, 3] uint8 of the last frame before the gap.
     """
     still, count = before.dynamic, span.count
     assert still is not None  # the first group of all is never skipped

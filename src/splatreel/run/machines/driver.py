@@ -20,12 +20,7 @@ SHOWN = 3
 class Driver:
     """Receives the reports of workers until all chapters have ended. The run must be locked, and its scene finished.
 
-    Args:
-        run: The run.
-        progress: Display of the progress.
-        present: Adds poster and thumbnails to the reel.
-        workers: Number of chapters that are made at a time.
-        url: Address that gets a copy of status.json, if any.
+    `workers` chapters are made at a time. The address `url` gets a copy of status.json, if it is given.
 
     Attributes:
         todo: Chapters that are not finished, in order.

@@ -40,11 +40,7 @@ def reconstruct_here(
 ) -> Result:
     """Reconstruct a run like `pipeline.reconstruct`, by several processes where a video has several chapters and that is faster.
 
-    Args:
-        spec: The run.
-        workers: Number of chapters that are made at a time; None chooses a number that suits the machine.
-        progress: Display of the progress; nothing is shown by default.
-        present: Adds poster and thumbnails to the reel.
+    `workers` chapters are made at a time; None chooses a number that suits the machine.
 
     Raises:
         UsageError: There are fewer cores than workers.
@@ -68,11 +64,7 @@ def reconstruct_here(
 
 
 def division_of(run: ChapteredRun, workers: int | None = None) -> Division:
-    """Return how the chapters of a run share this machine.
-
-    Args:
-        run: The run.
-        workers: Number of workers, limited by the number of chapters; None chooses the fastest division.
+    """Return how the chapters of a run share this machine. `workers` is limited by the chapters; None chooses the fastest division.
 
     Raises:
         UsageError: There are less than one or more workers than cores.

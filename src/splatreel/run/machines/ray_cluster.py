@@ -146,15 +146,7 @@ class NodeTask:
 
 
 def make_scene(task: NodeTask, send: Callable[[object], None]) -> str | None:
-    """Reconstruct the scene that chapters share.
-
-    Args:
-        task: Instructions.
-        send: Called with each report.
-
-    Returns:
-        The error as a sentence; None for success.
-    """
+    """Reconstruct the scene that chapters share. `send` is called with each report. Return the error; None for success."""
     return _run_guarded(task, lambda: _make_scene(task, send))
 
 
@@ -286,13 +278,8 @@ def reconstruct_on_cluster(
 ) -> Result:
     """Reconstruct a run like `pipeline.reconstruct`; nodes of a Ray cluster make the scene and the chapters. The reel is written here.
 
-    Args:
-        spec: The run. All nodes read its capture by the same path or address.
-        address: auto, or HOST:PORT of the cluster's head.
-        url: Address of a folder where nodes exchange checkpoints (`Address`); None if all nodes share the spec's folder.
-        options: Options of the cluster.
-        progress: Display of the progress of all nodes.
-        present: Adds poster and thumbnails to the reel.
+    All nodes read the capture by the same path or address. `address` is auto, or HOST:PORT of the cluster's head. Nodes exchange checkpoints
+    at the address `url`; None if all nodes share the spec's folder.
 
     Raises:
         MissingDependencyError: Ray is not installed.
@@ -315,17 +302,7 @@ def reconstruct_on_cluster(
 
 
 class _Cluster:
-    """A connected cluster that makes a run.
-
-    Args:
-        ray: The module ray, connected.
-        run: The run.
-        spec: The same run, to be sent to nodes.
-        url: Address where checkpoints are exchanged, if any.
-        exchange: Exchange of the driver's own folder with that address.
-        progress: Display of the progress.
-        options: Options of the cluster.
-    """
+    """A connected cluster that makes a run."""
 
     def __init__(
         self,
@@ -439,13 +416,7 @@ def wait_for_nodes(
 ) -> ClusterPlan:
     """Return how the jobs share a cluster, once one of its nodes can hold a job. An autoscaler is asked for such a node.
 
-    Args:
-        ray: The module ray, connected.
-        chapters: Number of chapters.
-        device: auto, cpu or cuda.
-        need: Bytes of memory of a job.
-        options: Options of the cluster.
-        tell: Receives a message if there is something to wait for.
+    Arguments are those of `share_nodes`. `tell` receives a message if there is something to wait for.
 
     Raises:
         UsageError: No such node appeared in time.
@@ -472,10 +443,7 @@ def _ask_autoscaler(ray: Any, need: int, cores: int) -> None:
 
 @contextmanager
 def connected(address: str) -> Iterator[Any]:
-    """Give the module ray, connected to a running cluster.
-
-    Args:
-        address: auto, or HOST:PORT.
+    """Give the module ray, connected to a running cluster. `address` is auto, or HOST:PORT.
 
     Raises:
         MissingDependencyError: Ray is not installed.

@@ -251,15 +251,7 @@ def bounds_of(layout: Layout, cameras: list[Camera]) -> np.ndarray:
 def header_of(
     cameras: list[Camera], fps: float, config: Config, layout: Layout, source: ReelSource | None = None
 ) -> ReelHeader:
-    """Create the header of a reel.
-
-    Args:
-        cameras: Training cameras.
-        fps: Frames per second.
-        config: Settings.
-        layout: Measures of the scene.
-        source: Frames and cameras of the capture; None if unknown.
-    """
+    """Create the header of a reel by its training cameras. `source`: frames and cameras of the capture; None if unknown."""
     if source is not None and layout.region and source.part is None:
         source = replace(source, part="region")
     return ReelHeader(
@@ -283,14 +275,7 @@ def header_of(
 def open_writer(
     store: Store, reel: Path, config: EncodeConfig, resume: bool, first_group: int | None = None
 ) -> ReelWriter:
-    """Create the writer of a reconstruction's reel, and add its soundtrack.
-
-    Args:
-        store: Checkpoints of the reconstruction.
-        reel: Folder of the reel.
-        config: Settings of the encoder.
-        resume: Continue a reel that exists already.
-        first_group: See `ReelWriter`.
+    """Create the writer of a reconstruction's reel, and add its soundtrack. `resume` continues a reel that exists already.
 
     Raises:
         ReconstructionError: If the store has no header.

@@ -33,11 +33,7 @@ class Soundtrack:
 def select_soundtrack(work: Path, capture: Capture, wanted: str, progress: Progress) -> Soundtrack | None:
     """Select and encode the soundtrack of a capture; a resumed run keeps the one it began with.
 
-    Args:
-        work: Folder of the checkpoints.
-        capture: The capture.
-        wanted: auto, none, the name of a camera, or a file.
-        progress: Receives a note about the choice.
+    `wanted` is auto, none, the name of a camera, or a file. The progress display receives a note about the choice.
 
     Raises:
         CaptureError: If the camera or file has no sound.
