@@ -278,8 +278,8 @@ def reconstruct_on_cluster(
 ) -> Result:
     """Reconstruct a run like `pipeline.reconstruct`; nodes of a Ray cluster make the scene and the chapters. The reel is written here.
 
-    All nodes read the capture by the same path or address. `address` is auto, or HOST:PORT of the cluster's head. Nodes exchange checkpoints
-    at the address `url`; None if all nodes share the spec's folder.
+    All nodes read the capture by the same path or address. `address` is auto, or HOST:PORT of the cluster's head. Nodes exchange
+    checkpoints at the address `url`; None if all nodes share the spec's folder.
 
     Raises:
         MissingDependencyError: Ray is not installed.
