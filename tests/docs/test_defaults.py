@@ -58,8 +58,8 @@ def test_the_paper_map_has_the_values_of_both_presets() -> None:
     for cells in [line.strip("| ").split(" | ") for line in rows if line.startswith("| ")]:
         names = [f"{SECTIONS[owner]}.{name}" for owner, name in re.findall(r"`(\w+Config)\.(\w+)`", cells[2])]
         if cells[2].startswith("`") and names:
-            for cell, quality in ((cells[1], "paper"), (cells[3], "standard")):
+            for cell, config in ((cells[1], preset("paper")), (cells[3], Config())):
                 shown = leading_numbers(cell)
-                assert not shown or shown == [attrgetter(name)(preset(quality)) for name in names], cells
+                assert not shown or shown == [attrgetter(name)(config) for name in names], cells
                 compared += len(shown)
     assert compared >= 30
