@@ -28,7 +28,7 @@ from splatreel.method.cameras.rig import Rig
 from splatreel.method.encode.step_choice import encode_group_by_slope, encode_layer_by_slope
 from splatreel.method.prediction.quality import Coverage
 from splatreel.play.timeline import Moment, Timeline
-from splatreel.run.step_checkpoints import EXPOSURE, KEYFRAME
+from splatreel.run.steps import EXPOSURE, KEYFRAME
 from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group, GroupSpan

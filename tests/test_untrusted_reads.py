@@ -18,9 +18,8 @@ GUARDS = {"check_regular", "read_file", "open_regular"}
 """Functions of `base/untrusted.py`. A function that calls one may then name the file to a library."""
 ALLOWED = {
     # Files of the package and of the system, and weights whose checksum or loader protects
-    "base/cgroups.py": {"read_text"},
     "base/paged_arrays.py": {"read_text"},
-    "base/process.py": {"os.open", "open"},
+    "base/process.py": {"os.open", "open", "read_text"},
     "calibration/learned_matches.py": {"torch.load"},
     "capture/conversion.py": {"cv2.FileStorage"},
     "cli/main.py": {"os.open"},
@@ -31,27 +30,25 @@ ALLOWED = {
     "play/standalone.py": {"read_text", "read_bytes"},
     "play/web_app.py": {"read_text"},
     "run/machine_speed.py": {"read_text"},
-    "run/memory.py": {"read_text"},
+    "run/requirements.py": {"read_text"},
     # Objects and texts that were read or opened safely before
     "capture/growing_video.py": {"av.open"},
     "capture/readers/calibrations/motion_capture.py": {"tomllib.loads"},
     "capture/video.py": {"av.open"},
     "play/served_files.py": {"open"},
-    "run/run_history.py": {"json.loads"},
     # Files in the output folder that the same program wrote: locks, checkpoints, logs, pictures
     "base/atomic.py": {"os.open"},
     "calibration/moment_solver.py": {"Image.open"},
     "codec/opus_sound.py": {"read_bytes"},
     "evaluation/page/report_page.py": {"Image.open"},
-    "run/checkpoint.py": {"load_file"},
-    "run/job_log.py": {"read_text"},
+    "run/store.py": {"load_file", "json.loads"},
+    "run/run_logs.py": {"read_text", "json.loads"},
     "run/live/live_soundtrack.py": {"read_bytes"},
     "run/output/sound_output.py": {"read_bytes"},
-    "run/run_lock.py": {"os.open"},
-    "run/store.py": {"json.loads"},
+    "run/run_folder.py": {"os.open"},
     # Messages between processes of one run
     "base/child_process.py": {"pickle.load"},
-    "run/machines/node.py": {"pickle.loads"},
+    "run/machines/ray_cluster.py": {"pickle.loads"},
     "run/machines/worker.py": {"pickle.loads"},
 }
 """Calls that read no file of a user, by module."""

@@ -28,7 +28,7 @@ from splatreel.method.train.stages import group_trainer
 from splatreel.run.device_choice import pick_gpu
 from splatreel.run.machine_speed import on_one_thread
 from splatreel.run.pipeline import Result, reconstruct
-from splatreel.run.step_checkpoints import restored_rig
+from splatreel.run.steps import restored_rig
 from splatreel.run.store import Store
 from splatreel.scene.group import GroupSpan
 from splatreel.scene.static_points import StaticPoints

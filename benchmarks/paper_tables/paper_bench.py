@@ -23,8 +23,8 @@ from splatreel.config.settings import changed
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.report import Report
 from splatreel.evaluation.uncompressed import uncompressed_frames
-from splatreel.run.gpu_speed import measure_run_speed
-from splatreel.run.machines.estimate import estimate
+from splatreel.run.estimate import estimate
+from splatreel.run.machine_speed import measure_run_speed
 from splatreel.run.machines.local_processes import division_of
 from splatreel.run.pipeline import plan_run, reconstruct
 

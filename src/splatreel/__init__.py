@@ -62,7 +62,6 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name on first use. Idle threads of OpenMP libraries that are imported later sleep."""
     if name not in _HOMES:
         raise AttributeError(f"module 'splatreel' has no attribute {name!r}")
     from splatreel.base.process import quiet_threads
@@ -72,5 +71,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """List the public names, also before they are imported, and those of the module itself."""
     return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

@@ -11,7 +11,7 @@ from splatreel.cli.main import main
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verification import verify_reel
 from splatreel.run.pipeline import reconstruct
-from splatreel.run.run_lock import lock_reel
+from splatreel.run.run_folder import lock_reel
 from tests.method.captures import WallCapture
 from tests.method.small import small
 

@@ -16,7 +16,7 @@ from splatreel.run.jobs import ChapteredRun, chapter_job, reel_job, scene_job
 from splatreel.run.output.group_writer import no_presentation
 from splatreel.run.output.reencode import reencode
 from splatreel.run.pipeline import Result, plan_run, reconstruct
-from splatreel.run.step_checkpoints import CHAPTER
+from splatreel.run.steps import CHAPTER
 from splatreel.run.store import Store
 from tests.method.captures import WallCapture
 from tests.method.small import small

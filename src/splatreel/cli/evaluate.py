@@ -12,13 +12,13 @@ from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import (
     CaptureAddress,
     ReelAddress,
+    check_out,
     megabytes,
     parse_frames,
     parse_left_out,
     parse_names,
     reel_folder,
 )
-from splatreel.cli.outputs import check_out
 from splatreel.cli.printing import say
 
 

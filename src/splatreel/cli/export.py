@@ -11,8 +11,7 @@ from tyro.conf import OmitArgPrefixes, arg
 from splatreel.base.atomic import sweep
 from splatreel.base.errors import UsageError
 from splatreel.base.new_folder import created
-from splatreel.cli.options import AXES, ReelAddress, megabytes, parse_frames, reel_folder
-from splatreel.cli.outputs import check_out
+from splatreel.cli.options import AXES, ReelAddress, check_out, megabytes, parse_frames, reel_folder
 from splatreel.cli.printing import counted, say
 from splatreel.formats.reader_limits import FrameKind, Program, ProgramName
 

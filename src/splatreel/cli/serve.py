@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import importlib.util
+import os
+import sys
+import threading
+import webbrowser
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from splatreel.base.errors import UsageError
-from splatreel.cli.browser import open_browser
 from splatreel.cli.options import OptionalReel, ReelAddress, megabytes, parse_names, reel_folder
-from splatreel.cli.printing import say
-from splatreel.cli.qr_code import print_qr_code
+from splatreel.cli.printing import print_qr_code, say
 from splatreel.play.sample_reel import sample_reel
 
 if TYPE_CHECKING:
@@ -137,3 +139,24 @@ def wait_for_viewers(player: Server | Viewer, browser: bool = False, pages: Iter
         player.wait()
     except KeyboardInterrupt:
         say()
+
+
+def has_browser() -> bool:
+    """Return whether a page can be opened in a window. A browser in the terminal would take the terminal over."""
+    if not os.environ.get("BROWSER") and sys.platform not in ("win32", "darwin", "cygwin"):
+        screens = ("DISPLAY", "WAYLAND_DISPLAY", "WSL_DISTRO_NAME")
+        if not any(os.environ.get(name) for name in screens):
+            return False
+    try:
+        webbrowser.get()
+    except webbrowser.Error:
+        return False
+    return True
+
+
+def open_browser(url: str) -> bool:
+    """Open a page in the browser, if there is one. Return whether there is. Nothing waits for the browser to start."""
+    if not has_browser():
+        return False
+    threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+    return True

@@ -12,7 +12,7 @@ from splatreel.capture.masks import MADE_MASKS, read_mask_record
 from splatreel.capture.opening import CaptureSource
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
-from splatreel.run.run_record import read_run_source
+from splatreel.run.run_folder import read_run_source
 from splatreel.scene.reel_source import ReelSource
 from splatreel.storage.address import is_url
 

@@ -21,12 +21,11 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from splatreel.base.archives import naming_damage, read_member
 from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget, allowed_memory, points_memory
 from splatreel.base.ply_table import Columns
-from splatreel.base.untrusted import check_regular, numbers, parse_json, read_file
+from splatreel.base.untrusted import check_regular, naming_damage, numbers, parse_json, read_file, read_member
 from splatreel.formats.compressed_ply import smallest_three
 from splatreel.formats.splat import to_bytes
 from splatreel.scene.gaussians import Gaussians

@@ -11,7 +11,7 @@ from splatreel.gsplat.drawing import Lens, Splats, rasterize, rasterize_among, s
 from splatreel.gsplat.program import GsplatProgram, Meter, Slope, Trained, adam, with_background
 from splatreel.method.deform.appearance import LAMBDA, RATES, Appearance
 from splatreel.method.deform.trajectory import Trajectory
-from splatreel.method.train.losses import weight_of
+from splatreel.method.train.losses import LAMBDA_DSSIM, weight_of
 from splatreel.method.train.programs import Draw, GroupState
 from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.terms.photometric import Photometric
@@ -80,7 +80,7 @@ class GsplatGroupProgram(GsplatProgram[Draw]):
         gain = self._gains[draw.camera]
         config, unit = self._state.config, self.images.unit
         target = self.target(draw, draw.frame, image, gain)
-        loss = losses.photometric(image, target, config.lambda_dssim, gain)
+        loss = losses.photometric(image, target, LAMBDA_DSSIM, gain)
 
         total = loss
         bands, rigid, smooth = (

@@ -11,10 +11,9 @@ from typing import Protocol
 
 import numpy as np
 
-from splatreel.base.archives import copy_member, naming_damage
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget
-from splatreel.base.untrusted import check_regular
+from splatreel.base.untrusted import check_regular, copy_member, naming_damage
 from splatreel.formats.fourdgs import FourdgsScene
 from splatreel.formats.registry import columns_of, is_antialiased, read_splats, size_of
 from splatreel.formats.remarks import Remarks

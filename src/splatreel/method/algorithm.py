@@ -1,7 +1,7 @@
 """The method: reconstruction of one group of frames (paper section 4), in the order of the paper's sections.
 
 `run/groups.py` calls `reconstruct_group` for one group after the other. `run` executes each step: it measures the time, shows the
-progress, saves the result, and in a continued run loads the result instead of computing it (`run/step_run.py`).
+progress, saves the result, and in a continued run loads the result instead of computing it (`run/steps.py`).
 """
 
 from __future__ import annotations

@@ -192,14 +192,3 @@ def test_truncated_raw_offsets_are_refused():
     assert len(data) == 4 * 7 * 2 * 30
     with pytest.raises(ReelError, match="float32 numbers of shape"):
         offsets.decode(data[:-4], parameters, 2, 30)
-
-
-def test_rotations_have_a_separate_crf():
-    dx, dq = motion(700, 5)
-    coarse = encode(dx, dq, CONFIG.with_h265(crf_rotation=45))
-    fine = encode(dx, dq)
-    assert len(coarse[0]) < len(fine[0])
-    got_dx, got_dq = offsets.decode(*coarse, 5, 700)
-    expected_dx, expected_dq = offsets.decode(*fine, 5, 700)
-    np.testing.assert_array_equal(got_dx, expected_dx)
-    assert angles(got_dq, dq).mean() > angles(expected_dq, dq).mean()

@@ -15,7 +15,7 @@ from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.page.report_page import report_page, write_report_page
 from splatreel.evaluation.page.run_facts import RunFacts
 from splatreel.evaluation.report import Report, megabytes, report_size
-from splatreel.run.run_history import RecordedProgress
+from splatreel.run.run_logs import RecordedProgress
 from tests.evaluation import scenes
 
 VOID = {"meta", "img", "path", "circle", "rect", "polyline", "br"}

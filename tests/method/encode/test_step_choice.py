@@ -27,8 +27,7 @@ from splatreel.method.encode.step_choice import (
 )
 from splatreel.method.init.layout import Layout
 from splatreel.method.prediction.trial import Trial
-from splatreel.run.checkpoint import load_arrays, save_arrays
-from splatreel.run.store import Store, StoredGroup, StoredLayer
+from splatreel.run.store import Store, StoredGroup, StoredLayer, load_arrays, save_arrays
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group, GroupSpan

@@ -66,7 +66,7 @@ def test_a_keyframe_continues_on_the_cpu_when_the_device_is_lost(monkeypatch: py
 def test_a_hash_grid_is_trained_on_the_cpu() -> None:
     notes, config = Notes(), group_config(**{"group.tracks": False, "group.deformation": "hashgrid"})
     group_trainer(OpenedGpu(), config).start_program(notes)
-    assert notes.notes[-1] == "this group is trained on the CPU: the hash grid runs on the CPU or with CUDA"
+    assert notes.notes[-1] == "this group is trained on the CPU: the hash grid is trained on the CPU only"
 
 
 @pytest.mark.slow

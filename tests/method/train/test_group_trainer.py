@@ -13,6 +13,7 @@ from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.hashgrid import HashGrid
 from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.tracking.tracking import GroupStart
+from splatreel.method.train import density
 from splatreel.method.train.group_trainer import GroupResult, GroupTrainer
 from splatreel.method.train.render import View
 from splatreel.method.train.training_images import TrainingImages
@@ -167,11 +168,12 @@ def test_group_training_is_deterministic_per_seed(filmed: TrainingImages) -> Non
     np.testing.assert_array_equal(a.dynamic.means, b.dynamic.means)
 
 
-def test_conversion_makes_moving_static_points_dynamic(filmed: TrainingImages) -> None:
+def test_conversion_makes_moving_static_points_dynamic(filmed: TrainingImages, monkeypatch: pytest.MonkeyPatch) -> None:
     """A few moving points start as static ones. They are converted, and no point of the wall is."""
+    monkeypatch.setattr(density, "ADAPT_NEIGHBORS", 0.4)
     few = np.arange(len(THING)) % 8 == 0
     static = Gaussians.concatenate([WALL, THING[few]])
-    group = trainer(filmed, config(iterations=60, adapt_every=30, adapt_neighbors=0.4), THING[~few], static)
+    group = trainer(filmed, config(iterations=60, adapt_every=30), THING[~few], static)
     result = group.train(Silent())
     converted = ~result.alive
     assert converted[len(WALL) :].mean() > 0.7
@@ -180,28 +182,40 @@ def test_conversion_makes_moving_static_points_dynamic(filmed: TrainingImages) -
     assert result.dx.shape[1] == len(result.dynamic)
 
 
-def test_conversion_by_gradient_alone(filmed: TrainingImages) -> None:
+def test_conversion_by_gradient_alone(filmed: TrainingImages, monkeypatch: pytest.MonkeyPatch) -> None:
     few = np.arange(len(THING)) % 8 == 0
     static = Gaussians.concatenate([WALL, THING[few]])
-    settings = {"adapt_every": 40, "adapt_neighbors": 2.0}
-    strict = trainer(filmed, config(iterations=40, adapt_gradient=1e9, **settings), THING[~few], static)
+    settings = config(iterations=40, adapt_every=40)
+    monkeypatch.setattr(density, "ADAPT_NEIGHBORS", 2.0)
+    monkeypatch.setattr(density, "ADAPT_GRADIENT", 1e9)
+    strict = trainer(filmed, settings, THING[~few], static)
     assert strict.train(Silent()).alive.all(), "nothing is converted, nor by its neighbors"
-    loose = trainer(filmed, config(iterations=40, adapt_gradient=3e-4, **settings), THING[~few], static)
+    monkeypatch.setattr(density, "ADAPT_GRADIENT", 3e-4)
+    loose = trainer(filmed, settings, THING[~few], static)
     alive = loose.train(Silent()).alive
     assert (~alive[len(WALL) :]).mean() > 0.3
     assert (~alive[: len(WALL)]).mean() < 0.05, "the wall stands still"
 
 
+@pytest.fixture
+def all_convert(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Any gradient converts a static point."""
+    monkeypatch.setattr(density, "ADAPT_GRADIENT", 0.0)
+    monkeypatch.setattr(density, "ADAPT_NEIGHBORS", 2.0)
+
+
+@pytest.mark.usefixtures("all_convert")
 def test_conversion_respects_may_move(filmed: TrainingImages) -> None:
-    settings = config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbors=2.0)
+    settings = config(iterations=8, adapt_every=10)
     may = np.arange(len(WALL)) % 2 == 0
     alive = trainer(filmed, settings, may_move=may).train(Silent()).alive
     assert alive[~may].all()
     assert not alive[may].all()
 
 
+@pytest.mark.usefixtures("all_convert")
 def test_conversion_and_cloning_stop_at_budget(filmed: TrainingImages) -> None:
-    group = trainer(filmed, config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbors=2.0))
+    group = trainer(filmed, config(iterations=8, adapt_every=10))
     group.density.budget = 50
     before = len(group.points)
     result = group.train(Silent())

@@ -151,7 +151,7 @@ def test_lateness_is_reported(tmp_path: Path, whole: dict[str, bytes]) -> None:
 
 def test_draft_lowers_iterations_until_caught_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        "splatreel.run.live.lateness.DRAFT", {"keyframe.refine_iterations": 4, "group.iterations_per_frame": 1}
+        "splatreel.run.live.following.DRAFT", {"keyframe.refine_iterations": 4, "group.iterations_per_frame": 1}
     )
     source = recorder(tmp_path / "show")
     source.write(9)

@@ -14,9 +14,8 @@ from splatreel.codec.verification import verify_reel
 from splatreel.config import EncodeConfig
 from splatreel.method.encode import importance
 from splatreel.run.output import group_writer
-from splatreel.run.output.group_writer import GroupWriter, open_writer
+from splatreel.run.output.group_writer import GroupWriter, Region, open_writer
 from splatreel.run.output.reencode import reencode
-from splatreel.run.output.region import Region
 from splatreel.run.store import Store, StoredGroup, StoredLayer
 from splatreel.scene.volumes import Sphere
 from tests.codec.reels import new_group, points

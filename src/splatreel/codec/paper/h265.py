@@ -31,11 +31,10 @@ def encode(dx: np.ndarray, dq: np.ndarray, config: H265Config) -> tuple[bytes, P
     if config.fold:
         low = np.where(high & 1, 255 - low, low)
     pixels = maps.pixels_of(count, width)
-    turning = config.crf if config.crf_rotation is None else config.crf_rotation
     tracks = [
         ("hi", maps.to_maps(high, pixels, width, height), "lossless=1"),
         ("lo", maps.to_maps(low, pixels, width, height), f"crf={config.crf}"),
-        ("rot", maps.to_maps(qr.astype(np.uint8), pixels, width, height), f"crf={turning}"),
+        ("rot", maps.to_maps(qr.astype(np.uint8), pixels, width, height), f"crf={config.crf}"),
     ]
     ranges = {"dx_min": dx_low, "dx_max": dx_high, "dq_min": dq_low, "dq_max": dq_high}
     parameters: Parameters = {"width": width, "height": height, "fold": config.fold}

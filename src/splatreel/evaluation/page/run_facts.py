@@ -16,11 +16,11 @@ from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.config import preset
 from splatreel.config.presets import Quality
-from splatreel.config.records import complete_settings
+from splatreel.config.settings import complete_settings
 from splatreel.evaluation.reel_capture import work_of
 from splatreel.evaluation.report import Report
-from splatreel.run.run_history import RunHistory, read_history
-from splatreel.run.run_record import FILE, differences
+from splatreel.run.run_folder import FILE, differences
+from splatreel.run.run_logs import RunHistory, read_history
 from splatreel.run.store import Store
 from splatreel.scene.camera import Camera
 

@@ -6,7 +6,7 @@ import threading
 from pathlib import Path
 
 from splatreel.play.refreshed_page import refreshed, refreshed_policy
-from splatreel.run.job_log import LOGS
+from splatreel.run.run_logs import LOGS
 
 SECONDS = 10.0
 """Seconds between two updates of the page. The player keeps playing."""

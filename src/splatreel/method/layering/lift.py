@@ -19,6 +19,8 @@ ITERATIONS = 400
 """Iterations of the paper's lifting, one view each: twenty per view for twenty cameras. Fewer leave labels between 0 and 1."""
 NEIGHBORS = 8
 """Number of neighbors whose labels count too; the paper's value (section 5.1)."""
+LAMBDA_NN, LAMBDA_DYN = 0.5, 0.3
+"""Weights of different labels of neighbors and of dynamic labels in the paper's lifting (lambda_seg^nn, lambda_seg^dyn)."""
 DYNAMIC_LABEL = 0.5
 """Labels above this value are dynamic: the middle of 0 (static) and 1. A lower value makes more points dynamic, which costs
 bytes."""
@@ -136,7 +138,7 @@ def _minimize(
         alike = np.sign(labels - labels[nearest])
         of_nearest = np.bincount(nearest, alike, count).astype(np.float32)
         moving = np.sign(labels - 1)
-        slopes += (config.lambda_nn * (alike - of_nearest) + config.lambda_dyn * moving) / len(cameras)
+        slopes += (LAMBDA_NN * (alike - of_nearest) + LAMBDA_DYN * moving) / len(cameras)
         rate = LIFT_RATE * 0.1 ** (iteration / ITERATIONS)
         adam.adam([adam.Step(trained, slopes, ones, 0, count, (rate, 0.9, 0.999, 1e-8, iteration + 1))])
         np.clip(labels, 0, 1, out=labels)

@@ -10,7 +10,7 @@ import numpy as np
 
 from splatreel.base.errors import UsageError
 from splatreel.config import LayeringConfig
-from splatreel.config.layering import PAPER_WIDTH
+from splatreel.config.config import PAPER_WIDTH
 from splatreel.method.images.flow import Flow, map_views
 from splatreel.method.layering.sam2 import Sam2Segmenter
 
@@ -18,6 +18,8 @@ FLOW_WIDTH = 320
 """Flow is computed on images halved as long as at least this width remains. Masks need no more detail, and flow is slow."""
 MIN_FLOW = 0.5
 """Minimum length of flow, pixels. Shorter flow is noise at any image size."""
+FLOW_THRESHOLD = 2.0
+"""Flow, pixels at a width of `PAPER_WIDTH`, above which a pixel moves (lambda_raft)."""
 MIN_MOVING_SHARE = 0.4
 """Share of the selected frames in which a pixel must move to be labeled without a flow that returns."""
 MIN_COLOR_CHANGE = 6 / 255
@@ -71,7 +73,7 @@ def motion_masks(frames: np.ndarray, flow: Flow, config: LayeringConfig) -> np.n
     """
     count, cameras, height, width = frames.shape[:4]
     halvings = max(int(math.log2(width / FLOW_WIDTH)), 0)
-    threshold = max(config.flow_threshold * (width >> halvings) / PAPER_WIDTH, MIN_FLOW)
+    threshold = max(FLOW_THRESHOLD * (width >> halvings) / PAPER_WIDTH, MIN_FLOW)
     later = later_frames(count, config.flow_frames)
     enough = math.ceil(MIN_MOVING_SHARE * len(later))
 

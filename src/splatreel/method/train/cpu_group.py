@@ -12,6 +12,7 @@ from splatreel.kernels.splat import Splats
 from splatreel.method.cameras.time_offsets import neighborhood, slope
 from splatreel.method.deform.protocol import Slope
 from splatreel.method.train.cpu_program import CpuProgram, check_loss, splat_gradients
+from splatreel.method.train.losses import LAMBDA_DSSIM
 from splatreel.method.train.programs import Draw, GroupState, Outcome
 from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.render import NO_CHANGE
@@ -46,7 +47,6 @@ class CpuGroupProgram(CpuProgram[Draw, _Gradients]):
         self.learns_time = state.learns_time
         self._points = state.points
         self._density = state.density
-        self._lambda_dssim = state.config.lambda_dssim
         self._gains = state.gains
 
     def prepare(self, draw: Draw) -> int:
@@ -126,7 +126,7 @@ class CpuGroupProgram(CpuProgram[Draw, _Gradients]):
             unknown=unknown,
             fill=lambda drawn: shown.target(draw.frame, draw.camera, drawn, gain),
         )
-        found = compare(given, static.frozen, self._lambda_dssim, seen, due)
+        found = compare(given, static.frozen, LAMBDA_DSSIM, seen, due)
         check_loss(seen.photometric or 0.0, splats[:4])
         return found
 

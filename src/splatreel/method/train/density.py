@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from splatreel.config import Config, KeyframeConfig
-from splatreel.config.layering import PAPER_WIDTH
+from splatreel.config.config import PAPER_WIDTH
 from splatreel.kernels import splat
 from splatreel.method.layering.lift import NEIGHBORS
 from splatreel.method.train.dynamic_points import DynamicPoints
@@ -24,6 +24,11 @@ GROWTH_GRADIENT = 2e-4
 ABSOLUTE_GRADIENT = 4e-4
 """Threshold of the absolute gradient, where it is measured, for images up to `FINE_WIDTH`. Gradients of a large splat over fine
 detail cancel each other in the signed sum, but not in this one (AbsGS)."""
+ADAPT_GRADIENT = 3e-4
+"""Mean gradient above which static points become dynamic (lambda_adp^grad), in normalized device units at a width of `PAPER_WIDTH`.
+Splats of smaller images are larger and have larger gradients."""
+ADAPT_NEIGHBORS = 0.6
+"""Share of dynamic neighbors above which static points become dynamic (lambda_adp^nn)."""
 FINE_WIDTH = 320
 """Width, pixels, above which images show more detail, and the threshold of the absolute gradient falls with its square root."""
 LARGEST_SCALE = 0.5
@@ -287,8 +292,8 @@ class GroupDensity:
 
     def convert_and_clone(self, images: TrainingImages) -> None:
         """Convert static points (paper section 4.1), then clone dynamic points with large gradients (4.2)."""
-        layering, alive = self.config.layering, self.static.alive
-        threshold = layering.adapt_gradient * (PAPER_WIDTH / images.views[0].width)
+        alive = self.static.alive
+        threshold = ADAPT_GRADIENT * (PAPER_WIDTH / images.views[0].width)
         pull_static, pull_moving = self.static_meter.mean(), self.moving_meter.mean()
         convert = alive & (pull_static > threshold) | alive & self._surrounded(alive)
         converted = self._within_budget(convert & self.convertible, pull_static)
@@ -358,5 +363,5 @@ class GroupDensity:
         if len(index) and k > 0:
             neighbors = splat.nearest_neighbors(everything, k)[0][: len(index)]
             dynamic = (neighbors >= len(index)).mean(1)
-            surrounded[index] = dynamic > self.config.layering.adapt_neighbors
+            surrounded[index] = dynamic > ADAPT_NEIGHBORS
         return surrounded

@@ -14,7 +14,7 @@ from splatreel.method.deform.knot_adam import KnotAdam
 from splatreel.method.deform.spline import Spline
 from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.train.gpu_program import GpuProgram, OwnPrograms, adam_row
-from splatreel.method.train.losses import weight_of
+from splatreel.method.train.losses import LAMBDA_DSSIM, weight_of
 from splatreel.method.train.programs import Draw, GroupProgram, GroupState, Outcome
 from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.terms.rigidity import Rigidity
@@ -125,7 +125,7 @@ class GpuGroupProgram(GpuProgram):
         block, unit = self.block(place), self.images.unit
         static = self.static_buffers(block, place, draw.metered_static)
         target = self.target(block, draw.frame, place)
-        self.set_loss(block, self._config.lambda_dssim)
+        self.set_loss(block, LAMBDA_DSSIM)
         kinds = ViewDependence, Rigidity, Smoothness
         bands, rigid, smooth = (weight_of(kind, self._losses, draw, self._config) for kind in kinds)
         pixels = self.drawing.size[0] * self.drawing.size[1]

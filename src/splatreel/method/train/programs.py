@@ -146,7 +146,7 @@ class GroupState(NamedTuple):
         """Reason why the kernels of GPUs cannot train the motion of the group; None if they can."""
         model = self.points.deformation
         if not isinstance(model, Trajectory):
-            return "the hash grid runs on the CPU or with CUDA"
+            return "the hash grid is trained on the CPU only"
         if model.reached < model.knots - 1:
             return "groups without tracks are trained on the CPU or with CUDA"
         return terms_without_kernels(self.losses)

@@ -1,8 +1,9 @@
-"""`splatreel devices`."""
+"""`splatreel devices` and `splatreel warmup`, verbs about this machine."""
 
 from __future__ import annotations
 
-from splatreel.cli.printing import say
+from splatreel.base.threads import use as use_threads
+from splatreel.cli.printing import counted, say
 
 
 def devices(measure: bool = True) -> None:
@@ -14,13 +15,13 @@ def devices(measure: bool = True) -> None:
     from splatreel.base.errors import GpuError
     from splatreel.gpu import adapters as gpus
     from splatreel.gpu.shared_gpu import SharedGpu
-    from splatreel.run import gpu_speed
+    from splatreel.run import machine_speed
     from splatreel.run.device_choice import pick_gpu
     from splatreel.run.machine_speed import describe_processor
 
     say(f"CPU   {describe_processor()}")
     if measure:
-        say(f"      {gpu_speed.iteration_ms(None):.1f} ms for a training iteration")
+        say(f"      {machine_speed.iteration_ms(None):.1f} ms for a training iteration")
     found = gpus.adapters()
     for adapter in found:
         kind = "software" if adapter.is_software else adapter.kind
@@ -34,7 +35,7 @@ def devices(measure: bool = True) -> None:
             say(f"      cannot train: {adapter.missing}")
         elif measure and not adapter.is_software:
             try:
-                say(f"      {gpu_speed.iteration_ms(SharedGpu(adapter)):.1f} ms for a training iteration")
+                say(f"      {machine_speed.iteration_ms(SharedGpu(adapter)):.1f} ms for a training iteration")
             except GpuError as error:
                 say(f"      training fails: {error}")
     chosen, why = gpus.choose_adapter(found)
@@ -45,3 +46,22 @@ def devices(measure: bool = True) -> None:
         say(f"--device auto uses {why}")
     else:
         say(f"--device auto uses the CPU. {why}")
+
+
+def warmup(threads: int | None = None) -> None:
+    """Compile all CPU kernels now, so that the first reconstruction on this machine does not wait for them.
+
+    Args:
+        threads: Number of processes that compile; by default one per core.
+    """
+    use_threads(threads)
+    from splatreel.base import threads as limit
+    from splatreel.base.display import console
+    from splatreel.kernels.warmup import compile_kernels
+
+    progress = console()
+    try:
+        compiled = compile_kernels(progress, limit.count())
+    finally:
+        progress.close()
+    say(f"{counted(compiled, 'kernel')} compiled." if compiled else "All kernels were compiled before.")

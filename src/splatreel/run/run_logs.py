@@ -1,22 +1,123 @@
-"""History of a run, OUT/work/logs/history*.jsonl: stages, numbers such as the training loss, and notes, with their times."""
+"""Logs of a run in OUT/work/logs: PART.log of each job, for people, and history*.jsonl with stages, numbers and notes, for reports."""
 
 from __future__ import annotations
 
 import json
+import os
 import re
-from collections.abc import Callable
-from contextlib import suppress
+import socket
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from splatreel import __version__
+from splatreel.base import threads
 from splatreel.base.errors import SplatreelError
-from splatreel.base.process import steady_clock
-from splatreel.base.progress import Progress, Span
+from splatreel.base.process import peak_memory_bytes, steady_clock
+from splatreel.base.progress import PassedOn, Progress, Span
 from splatreel.base.untrusted import is_number, read_file
-from splatreel.run.job_log import LOGS
 from splatreel.run.machine_speed import describe_processor
+
+LOGS = "logs"
+_STARTED = re.compile(r"\S+ attempt (\d+) on (\S+),")
+_ENDED = re.compile(r"\S+ (finished|failed)\b(?:.*?: (.*))?")
+
+
+def log_file(work: Path, part: str) -> Path:
+    """Return the path of the log of a job, such as chapter0003."""
+    return work / LOGS / f"{part}.log"
+
+
+class JobLog:
+    """Appends lines to the log of a job. Errors of the disk are ignored."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def write(self, text: str) -> None:
+        """Append a line, with the time in UTC."""
+        now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        with suppress(OSError), open(self.path, "a", encoding="utf-8") as file:
+            file.write(f"{now} {text}\n")
+
+
+class LoggedProgress(PassedOn):
+    """Progress display of a job that also logs stages and notes."""
+
+    def __init__(self, progress: Progress, log: JobLog) -> None:
+        super().__init__(progress)
+        self._log = log
+
+    def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        """Log and show the beginning of a stage."""
+        self._log.write(name)
+        super().stage(name, total, span)
+
+    def note(self, text: str) -> None:
+        """Log and show a note."""
+        self._log.write(f"note: {text}")
+        super().note(text)
+
+
+@contextmanager
+def logged(work: Path, part: str) -> Iterator[JobLog]:
+    """Log one attempt at a job: its beginning, its end, and the traceback of an error."""
+    log = JobLog(log_file(work, part))
+    with suppress(OSError):
+        log.path.parent.mkdir(parents=True, exist_ok=True)
+    before, started = read_log(work, part), time.monotonic()
+    log.write(
+        f"attempt {before.attempts + 1} on {socket.gethostname()}, process {os.getpid()}, {threads.count()} threads, "
+        f"Splatreel {__version__}"
+    )
+    try:
+        yield log
+    except BaseException as error:
+        log.write(
+            f"failed after {time.monotonic() - started:.0f} s: {type(error).__name__}: {' '.join(str(error).split())}"
+        )
+        with suppress(OSError), open(log.path, "a", encoding="utf-8") as file:
+            traceback.print_exception(error, file=file)
+        raise
+    memory = peak_memory_bytes()
+    held = f", {memory / 1e9:.1f} GB at most" if memory is not None else ""
+    log.write(f"finished after {time.monotonic() - started:.0f} s{held}")
+
+
+@dataclass(frozen=True)
+class LoggedState:
+    """State of a job according to its log.
+
+    Attributes:
+        state: waiting, running (or lost), finished or failed.
+        node: Machine of the last attempt.
+        error: Reason why the last attempt failed, in one line.
+    """
+
+    state: str = "waiting"
+    node: str | None = None
+    attempts: int = 0
+    error: str | None = None
+
+
+def read_log(work: Path, part: str) -> LoggedState:
+    """Return the state of a job according to its log. A job without a log is waiting."""
+    try:
+        lines = log_file(work, part).read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return LoggedState()
+    found = LoggedState()
+    for line in lines:
+        if match := _STARTED.match(line):
+            found = LoggedState("running", match[2], int(match[1]))
+        elif match := _ENDED.match(line):
+            found = LoggedState(match[1], found.node, found.attempts, match[2] if match[1] == "failed" else None)
+    return found
+
 
 SAMPLES = 40
 """Maximum number of samples per stage."""
@@ -25,7 +126,7 @@ LARGEST = 256 << 20
 _GROUP = re.compile(r"group (\d+)(?:/\d+)?: (.*)", re.S)
 
 
-class RecordedProgress:
+class RecordedProgress(PassedOn):
     """Progress display of a job that also records its history. Errors of the disk are ignored.
 
     Args:
@@ -39,7 +140,7 @@ class RecordedProgress:
     def __init__(
         self, progress: Progress, work: Path, part: str, device: str, clock: Callable[[], float] | None = None
     ) -> None:
-        self._progress = progress
+        super().__init__(progress)
         self._clock = clock or steady_clock()
         self._device = device
         self._path = work / LOGS / f"history{part and f'-{part}'}.jsonl"
@@ -52,19 +153,19 @@ class RecordedProgress:
         self._total = total
         self._next = 0
         self._write({"stage": name, "total": total})
-        self._progress.stage(name, total, span)
+        super().stage(name, total, span)
 
     def update(self, done: int, **numbers: float) -> None:
         """Show steps, and record some of them."""
         if done >= self._next or done >= self._total:
             self._next = done + max(self._total // SAMPLES, 1)
             self._write({"done": done, **numbers})
-        self._progress.update(done, **numbers)
+        super().update(done, **numbers)
 
     def note(self, text: str) -> None:
         """Record and show a note."""
         self._write({"note": text})
-        self._progress.note(text)
+        super().note(text)
 
     def _write(self, line: dict[str, Any]) -> None:
         with suppress(OSError, ValueError):  # ValueError: a loss that is no longer finite

@@ -7,8 +7,7 @@ import pytest
 
 from splatreel.base.errors import InUseError
 from splatreel.config import Config
-from splatreel.run.run_lock import RunLock, lock_reel
-from splatreel.run.run_record import run_record
+from splatreel.run.run_folder import RunLock, lock_reel, run_record
 from tests.method.captures import WallCapture
 from tests.windows import simulate_windows_locks
 

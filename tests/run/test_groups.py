@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from splatreel.codec.preview import newest_preview
-from splatreel.run.output import keyframe_preview
-from splatreel.run.output.keyframe_preview import EVERY, FIRST_AFTER, MAX_SHARE, KeyframePreview
+from splatreel.run import groups
+from splatreel.run.groups import EVERY, FIRST_AFTER, MAX_SHARE, KeyframePreview
 from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from tests.codec.reels import new_header, points
@@ -59,7 +59,7 @@ def test_slow_previews_are_rarer(store: Store, monkeypatch: pytest.MonkeyPatch) 
         clock.now += seconds
         return store.work
 
-    monkeypatch.setattr(keyframe_preview, "write_preview", slow)
+    monkeypatch.setattr(groups, "write_preview", slow)
     preview, begin = KeyframePreview(store, clock), clock.now
     for _ in range(1000):
         clock.now += 1

@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from splatreel.base.display import console
-from splatreel.base.notebook import NotebookBars
+from splatreel.base.display import NotebookBars, console
 
 
 class Cell:

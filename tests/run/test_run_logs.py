@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from splatreel.base.progress import Silent
-from splatreel.run.run_history import RecordedProgress, RunHistory, read_history
+from splatreel.run.run_logs import RecordedProgress, RunHistory, read_history
 
 
 class Clock:

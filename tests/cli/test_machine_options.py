@@ -10,7 +10,7 @@ import pytest
 
 from splatreel.base import threads
 from splatreel.cli.main import main
-from splatreel.run import machine_speed, memory
+from splatreel.run import machine_speed, requirements
 from splatreel.run.machine_speed import describe_processor
 from splatreel.run.machines import ray_cluster
 from tests.capture import folders
@@ -51,7 +51,7 @@ def test_estimate_prints_time_and_memory_and_writes_nothing(scene: Path, capsys:
 def test_estimate_reports_too_little_free_memory(
     scene: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(memory, "free_memory", lambda: 2 * 10**8)
+    monkeypatch.setattr(requirements, "free_memory", lambda: 2 * 10**8)
     assert estimate() == 0
     assert "but only 0.2 GB are free: close other programs.\n" in capsys.readouterr().out
 
@@ -59,7 +59,7 @@ def test_estimate_reports_too_little_free_memory(
 def test_too_little_memory_is_refused(
     scene: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(memory, "total_memory", lambda: 1 << 30)
+    monkeypatch.setattr(requirements, "total_memory", lambda: 1 << 30)
     assert estimate("--width", "3000") == 1
     refused = capsys.readouterr().err
     width = re.search(r"of 3000x2000 by 3 cameras, 3 frames at a time, take .* --width (\d+) fits\.", refused)

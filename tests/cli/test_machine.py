@@ -8,7 +8,7 @@ from splatreel.cli.main import main
 from splatreel.gpu import adapters as module
 from splatreel.gpu.adapters import LEAST, Adapter
 from splatreel.gpu.cuda_devices import CudaDevice
-from splatreel.run import gpu_speed
+from splatreel.run import machine_speed
 
 
 def adapter(name: str, kind: str = "DiscreteGPU", interface: str = "Vulkan", **limits: int) -> Adapter:
@@ -54,7 +54,7 @@ def test_auto_takes_a_real_gpu_that_is_large_enough(
 
 def test_devices_are_timed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(module, "adapters", lambda: [adapter("Arc", "IntegratedGPU")])
-    monkeypatch.setattr(gpu_speed, "iteration_ms", lambda gpu: 12.5 if gpu is None else 2.25)
+    monkeypatch.setattr(machine_speed, "iteration_ms", lambda gpu: 12.5 if gpu is None else 2.25)
     assert main(["devices"]) == 0
     text = capsys.readouterr().out
     assert "12.5 ms for a training iteration" in text
