@@ -16,12 +16,12 @@ from splatreel.base.progress import Progress, Silent
 from splatreel.capture.base import Capture
 from splatreel.config import Config
 from splatreel.evaluation.evaluate import evaluate
-from splatreel.gpu.shared_gpu import SharedGpu
+from splatreel.gpu.adapters import SharedGpu
 from splatreel.kernels import splat
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.tracking.tracking import GroupStart
-from splatreel.method.train.cpu_group import CpuGroupProgram
+from splatreel.method.train.cpu_program import CpuGroupProgram
 from splatreel.method.train.density import MEASURE_EVERY
 from splatreel.method.train.group_trainer import GroupTrainer
 from splatreel.method.train.stages import group_trainer

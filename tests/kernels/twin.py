@@ -12,7 +12,7 @@ from torch import Tensor
 
 from splatreel.kernels import harmonics
 from splatreel.kernels.hashgrid import PRIME_Y, PRIME_Z, is_dense
-from splatreel.kernels.similarity import SSIM_C1, SSIM_C2, WINDOW
+from splatreel.kernels.photometric import SSIM_C1, SSIM_C2, WINDOW
 
 Skin = tuple[Tensor, Tensor]
 """index [N, K] int64 and share [N, K]: the nodes that each point moves with, and their weights. Neither gets a gradient."""

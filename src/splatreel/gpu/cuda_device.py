@@ -15,11 +15,9 @@ import numpy as np
 
 from splatreel.base.errors import GpuError
 from splatreel.gpu.adapters import Adapter
-from splatreel.gpu.cuda_devices import CudaDevice
-from splatreel.gpu.cuda_libraries import Compiler, Driver
+from splatreel.gpu.cuda_libraries import Compiler, CudaDevice, Driver
 from splatreel.gpu.cuda_source import ENTRY, translate
-from splatreel.gpu.device import Gpu, Kernel, Recording
-from splatreel.gpu.kernel_source import read_shader
+from splatreel.gpu.device import Gpu, Kernel, Recording, read_shader
 
 Call = tuple[Any, ...]
 """Name of a function of the driver, and its arguments."""

@@ -8,16 +8,17 @@ alphas below 1/255 are skipped. A pixel is full once its transmittance would fal
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial import KDTree
 
+from splatreel.base import threads
 from splatreel.base.errors import GaussiansError
 from splatreel.kernels import binning
 from splatreel.kernels import project as projection
 from splatreel.kernels import rasterize as drawing
 from splatreel.kernels.blending import CHANNELS
-from splatreel.kernels.neighbors import nearest_neighbors
 
 __all__ = ["nearest_neighbors"]
 
@@ -262,3 +263,31 @@ def _split(values: np.ndarray) -> list[np.ndarray]:
 def _join(parts: list[np.ndarray], channels: int) -> np.ndarray:
     """Undo `_split`."""
     return parts[0] if channels == CHANNELS else np.ascontiguousarray(np.concatenate(parts, -1)[..., :channels])
+
+
+def nearest_neighbors(points: np.ndarray, k: int, queries: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Return the k nearest points of each query: indices [Q, k] int64 and distances [Q, k] float32, nearest first.
+
+    Args:
+        points: [N, 3].
+        k: Number of neighbors.
+        queries: [Q, 3]. None: the points themselves, without each point's match with itself.
+
+    Raises:
+        GaussiansError: There are fewer than k points.
+    """
+    available = len(points) - (queries is None)
+    if not 1 <= k <= available:
+        raise GaussiansError(f"nearest_neighbors: asked for {k} neighbors where there are {available}.")
+    ranks: Any = np.arange(1, k + 1 + (queries is None))  # a list, so that one neighbor still gives a column
+    found = KDTree(points).query(points if queries is None else queries, k=ranks, workers=threads.count())
+    distances, indices = np.asarray(found[0], np.float32), np.asarray(found[1], np.int64)
+    return (indices, distances) if queries is not None else _without_self(indices, distances)
+
+
+def _without_self(indices: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Remove each point from its own neighbors. Among coinciding points it is not always the first."""
+    own = indices == np.arange(len(indices))[:, None]
+    own[~own.any(1), -1] = True  # coinciding points took its place: drop the last neighbor instead
+    shape = (len(indices), indices.shape[1] - 1)
+    return indices[~own].reshape(shape), distances[~own].reshape(shape)

@@ -26,9 +26,14 @@ from splatreel.method.cameras.rig import Poses, Rig, check_later_poses, report_o
 from splatreel.method.encode.compression import Coding, compress_group, compress_layer
 from splatreel.method.layering.labels import Layers, find_layers
 from splatreel.method.tracking.tracking import GroupStart, VelocityPrior, track
-from splatreel.method.train.chapter_keyframe import start_chapter
 from splatreel.method.train.keyframe_trainer import KeyframeResult
-from splatreel.method.train.stages import KeyframeWatch, refine_keyframe, train_first_keyframe, train_group
+from splatreel.method.train.stages import (
+    KeyframeWatch,
+    refine_keyframe,
+    start_chapter,
+    train_first_keyframe,
+    train_group,
+)
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.scene.static_points import StaticPoints

@@ -19,7 +19,7 @@ from splatreel.capture.base import Capture
 from splatreel.capture.frame_table import load_tables, pack_tables
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
-from splatreel.gpu.shared_gpu import SharedGpu
+from splatreel.gpu.adapters import SharedGpu
 from splatreel.method.algorithm import Handover
 from splatreel.run.costs import Workload
 from splatreel.run.groups import reconstruct_groups

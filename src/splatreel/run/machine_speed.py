@@ -15,7 +15,7 @@ import llvmlite.binding as llvm
 import numpy as np
 
 from splatreel.base import threads
-from splatreel.kernels import binning, deform, rasterize, similarity
+from splatreel.kernels import binning, deform, photometric, rasterize
 from splatreel.method.train.render import NO_CHANGE, View
 from splatreel.method.train.trainable_points import to_params
 from splatreel.scene.camera import Camera
@@ -163,7 +163,7 @@ def _step(probe: Probe) -> Callable[[], None]:
         splats = seen.means2d, seen.conics, opacities, seen.depths, seen.radii
         bins = binning.bin_splats(*splats, probe.width, probe.height)
         image, alpha = rasterize.forward(bins, seen.colors)
-        compared = similarity.loss_and_gradient(image, target, 0.2)
+        compared = photometric.loss_and_gradient(image, target, 0.2)
         nothing = rasterize.no_gradient(alpha.shape)
         found = rasterize.backward(bins, seen.colors, image, compared.d_image, alpha, nothing)
         to_splats = found.means2d, found.conics, found.colors, found.opacities

@@ -10,13 +10,41 @@ import numpy as np
 from splatreel.config import GroupConfig
 from splatreel.kernels.splat import Splats
 from splatreel.method.deform.appearance import Appearance, detect_cuts
+from splatreel.method.deform.hashgrid import HashGrid
 from splatreel.method.deform.knot_adam import Restore, merge_snapshots
-from splatreel.method.deform.models import make_deformation
 from splatreel.method.deform.protocol import Deformation
+from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.render import View, deformed
 from splatreel.method.train.trainable_points import TrainablePoints
 from splatreel.method.train.training_images import TrainingImages
+
+MODELS = {"trajectory": Trajectory, "hashgrid": HashGrid}
+
+
+def make_deformation(
+    name: str,
+    means: np.ndarray,
+    frames: int,
+    unit: float,
+    seed: int,
+    tracks: np.ndarray | None,
+    fixed: np.ndarray | None,
+) -> Deformation:
+    """Create a model by its name. Without points it is `trajectory`, which needs none.
+
+    Args:
+        name: Key of `MODELS`.
+        means: [N, 3] canonical positions.
+        frames: Number of frames of the group, T.
+        unit: Typical viewing distance, world units.
+        seed: Seed of the initial values.
+        tracks: [T, N, 3] initial positions; None is at rest.
+        fixed: [N] bool, points that never move; None for none.
+    """
+    model = MODELS[name] if len(means) else Trajectory
+    return model(means, frames, unit, seed, tracks, fixed)
+
 
 CANONICAL_RATES = {
     "means": 3.6e-4,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 
@@ -12,27 +12,74 @@ import numpy as np
 from splatreel.base.errors import GaussiansError, GpuError
 from splatreel.base.progress import Progress
 from splatreel.config import KeyframeConfig
-from splatreel.gpu.shared_gpu import SharedGpu
+from splatreel.gpu.adapters import SharedGpu
 from splatreel.kernels import splat
 from splatreel.kernels.splat import Splats
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.knot_adam import Restore, merge_snapshots
-from splatreel.method.train.average import Average
-from splatreel.method.train.cpu_keyframe import CpuKeyframeProgram
-from splatreel.method.train.density import KeyframeDensity
-from splatreel.method.train.error_points import ADDED_SHARE, adds_after, points_at_errors
-from splatreel.method.train.gpu_keyframe import keyframe_program
-from splatreel.method.train.gpu_program import unsupported
-from splatreel.method.train.hidden_colors import spread_colors
+from splatreel.method.train.cpu_program import CpuKeyframeProgram
+from splatreel.method.train.density import ADDED_SHARE, KeyframeDensity, OpacityResets, adds_after, points_at_errors
+from splatreel.method.train.gpu_program import keyframe_program, unsupported
 from splatreel.method.train.losses import GROWTH, KEYFRAME, Terms, psnr
-from splatreel.method.train.opacity_resets import OpacityResets
 from splatreel.method.train.programs import MOST_DRAWS, KeyframeDraw, KeyframeProgram, KeyframeState
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.render import StaticCache, View, deformed, draw
+from splatreel.method.train.subject import spread_colors
 from splatreel.method.train.trainable_points import NAMES, TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import C0, Gaussians
 from splatreel.scene.volumes import Volume
+
+AVERAGE_EVERY = 4
+"""Iterations between two samples of the mean. Neighboring iterations hardly differ."""
+
+
+class Average:
+    """Running mean of arrays over the last `share` of the iterations. Programs compute it from the weights of its samples.
+
+    Source:
+        Polyak averaging; for networks, Izmailov et al. 2018.
+    """
+
+    def __init__(self, share: float, iterations: int) -> None:
+        """Prepare an average.
+
+        Args:
+            share: Share of the iterations that is averaged.
+            iterations: Iterations of training.
+        """
+        self.after = iterations - round(share * iterations)
+        self._means: list[np.ndarray] = []
+        self._count = 0
+
+    def has_begun(self, done: int) -> bool:
+        """Return whether averaging has begun. done: number of finished iterations."""
+        return done > self.after
+
+    def restart(self) -> None:
+        """Forget all samples, after rows were added or removed."""
+        self._means = []
+        self._count = 0
+
+    def next_weight(self, done: int) -> float:
+        """Count the values after an iteration. Return their weight in the mean; 0 if they are not a sample."""
+        if not self.has_begun(done) or done % AVERAGE_EVERY:
+            return 0.0
+        self._count += 1
+        return 1 / self._count
+
+    def set_means(self, means: list[np.ndarray]) -> None:
+        """Take over means that a program computed; does nothing without samples."""
+        if self._count:
+            self._means = means
+
+    def write_to(self, arrays: Iterable[np.ndarray]) -> None:
+        """Write the mean to the arrays, if it has their shapes."""
+        now = list(arrays)
+        if [mean.shape for mean in self._means] == [array.shape for array in now]:
+            for array, mean in zip(now, self._means, strict=True):
+                array[:] = mean
+
 
 SHOW_EVERY = 24
 """Iterations between two progress updates. It is even, so that iterations run in pairs."""

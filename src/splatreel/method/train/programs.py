@@ -17,10 +17,10 @@ from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.train.density import GroupDensity, KeyframeDensity
 from splatreel.method.train.dynamic_points import DynamicPoints
 from splatreel.method.train.losses import Terms
-from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.render import StaticCache
 from splatreel.method.train.terms.photometric import Photometric
 from splatreel.method.train.terms.surfaces import Roughness, Spread
+from splatreel.method.train.terms.term import Neighbors
 from splatreel.method.train.trainable_points import TrainablePoints
 from splatreel.method.train.training_images import TrainingImages
 

@@ -8,16 +8,15 @@ import numpy as np
 
 from splatreel.base.progress import Progress, Silent
 from splatreel.config import Config
-from splatreel.gpu.shared_gpu import SharedGpu
+from splatreel.gpu.adapters import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
-from splatreel.method.init.hull_surface import close_surface
-from splatreel.method.init.initial_points import InitialPoints, initial_points, near_plane
+from splatreel.method.init.initial_points import InitialPoints, close_surface, initial_points, near_plane
 from splatreel.method.init.layout import Layout, border_color, measure
 from splatreel.method.init.visual_hull import VisualHull, is_sparse, without_background
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer, starting_points
 from splatreel.method.train.losses import Terms
-from splatreel.method.train.opposite_backgrounds import with_opposite
 from splatreel.method.train.render import View
+from splatreel.method.train.subject import with_opposite
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians

@@ -21,8 +21,7 @@ from splatreel.config import Config
 from splatreel.config.records import with_former_defaults
 from splatreel.method.algorithm import Handover
 from splatreel.method.cameras.rig import Rig
-from splatreel.method.encode.compression import CompressedGroup, CompressedLayer
-from splatreel.method.encode.importance import group_importance, weigh
+from splatreel.method.encode.compression import CompressedGroup, CompressedLayer, group_importance, weigh
 from splatreel.method.init.layout import Layout
 from splatreel.run.device_choice import largest_buffer, pick_gpu
 from splatreel.run.groups import restore_group, run_group

@@ -8,7 +8,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from splatreel.kernels import layered, rasterize, similarity
+from splatreel.kernels import photometric, rasterize
 from splatreel.kernels.binning import TILE, Bins, tiles_of
 from splatreel.method.train.terms.term import Due, Iteration, Term, sum_of_weights
 
@@ -19,7 +19,7 @@ class Photometric(Term[Iteration]):
 
         (1 - lambda_dssim) |image - target|  +  lambda_dssim (1 - SSIM)
 
-    Programs compute it while they draw (`compare`). `kernels/similarity.py` has the formula.
+    Programs compute it while they draw (`compare`). `kernels/photometric.py` has the formula.
 
     Source:
         3DGS, equation 7.
@@ -100,7 +100,9 @@ def _compare_tiles(
 ) -> Compared:
     """Draw and compare only tiles that splats touch, in the image of the static splats."""
     options = lambda_dssim, given.gain, given.background, given.where, given.whole, given.unknown
-    seen.photometric, found = layered.loss_and_gradient(given.bins, given.colors, static, seen.target, *options)
+    seen.photometric, found = photometric.loss_and_gradient_among(
+        given.bins, given.colors, static, seen.target, *options
+    )
     return _scaled(found, np.zeros(3, np.float32), weight)
 
 
@@ -114,7 +116,7 @@ def _compare_image(given: ImageSplats, lambda_dssim: float, seen: Iteration, wei
     if weight:
         tiles = bins.counts > 0 if given.where is None else tiles_of(bins, given.where)
         compared = None if given.whole else tiles.reshape(-(-bins.height // TILE), -1)
-        found = similarity.loss_and_gradient(image, seen.target, lambda_dssim, gain, compared, background)
+        found = photometric.loss_and_gradient(image, seen.target, lambda_dssim, gain, compared, background)
         seen.photometric, d_image, d_gain = found.loss, found.d_image, found.d_gain
         if weight != 1:
             d_image, d_gain = np.float32(weight) * d_image, np.float32(weight) * d_gain

@@ -11,8 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from splatreel.method.train.terms.depths import Depths
-from splatreel.method.train.terms.term import Iteration, Term
+from splatreel.method.train.terms.term import Depths, Iteration, Term
 
 MIN_VARIANCE = 1e-5
 """Variance of log depths below which a pixel shows one surface."""
