@@ -31,8 +31,9 @@ from splatreel.base.process import keep_freed_memory
 from splatreel.capture.opening import open_capture
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed
-from splatreel.gpu.adapters import CUDA, SharedGpu, adapters, choose_adapter
+from splatreel.gpu.adapters import CUDA, adapters, choose_adapter
 from splatreel.gpu.cuda_libraries import find_compilers
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.run.device_choice import pick_gpu
 from splatreel.run.gpu_speed import iteration_ms
 from splatreel.run.machine_speed import LARGE, SMALL, Probe

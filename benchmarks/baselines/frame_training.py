@@ -17,8 +17,9 @@ from splatreel.kernels.binning import bin_splats
 from splatreel.method.train.cpu_program import check_loss
 from splatreel.method.train.density import GROWTH_GRADIENT, GradientMeter, KeyframeDensity, select_growth
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
-from splatreel.method.train.losses import KEYFRAME, KEYFRAME_BEFORE_STATIC, LAMBDA_DSSIM
+from splatreel.method.train.losses import KEYFRAME, KEYFRAME_BEFORE_STATIC
 from splatreel.method.train.render import NO_CHANGE
+from splatreel.method.train.terms.photometric import LAMBDA_DSSIM
 from splatreel.method.train.trainable_points import NAMES, TrainablePoints, children, default_rates, to_params
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import Gaussians

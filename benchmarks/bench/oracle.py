@@ -29,7 +29,7 @@ from splatreel.evaluation.evaluate import check_same_capture, check_unseen
 from splatreel.evaluation.perceptual import Lpips, load_lpips
 from splatreel.evaluation.quality import ImageComparison, Quality
 from splatreel.evaluation.report import write_text
-from splatreel.gpu.adapters import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels.image import render_image
 from splatreel.method.encode.compression import weigh
 from splatreel.method.init.layout import Layout

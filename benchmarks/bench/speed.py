@@ -16,7 +16,7 @@ from splatreel.base.progress import Progress, Silent
 from splatreel.capture.base import Capture
 from splatreel.config import Config
 from splatreel.evaluation.evaluate import evaluate
-from splatreel.gpu.adapters import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels import splat
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig

@@ -4,9 +4,10 @@ from functools import cache
 
 import pytest
 
-from splatreel.gpu.adapters import CUDA, Adapter, SharedGpu, adapters, choose_adapter
+from splatreel.gpu.adapters import CUDA, Adapter, adapters, choose_adapter
 from splatreel.gpu.cuda_device import CudaGpu
 from splatreel.gpu.device import Gpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.gpu.wgpu_device import WgpuGpu
 from tests.gpu.emulated import emulated_adapter
 

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("torch", reason="torch is not installed")
 
 from splatreel.capture.masked_capture import LIKELY
-from splatreel.gpu.adapters import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.method.train.losses import CHAPTER_KEYFRAME, KEYFRAME, Terms
 from splatreel.method.train.subject import with_opposite
 from splatreel.run.device_choice import pick_gpu

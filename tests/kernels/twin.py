@@ -151,7 +151,7 @@ def rasterize(splats: Splats, width: int, height: int) -> tuple[Tensor, Tensor]:
 
 
 def photometric_loss(image: Tensor, target: Tensor, lambda_dssim: float = 0.2, gain: Tensor | None = None) -> Tensor:
-    """Twin of `similarity.loss_and_gradient`."""
+    """Twin of `photometric.loss_and_gradient`."""
     if target.dtype == torch.uint8:
         target = target.to(image.dtype) / 255
     if gain is not None:

@@ -13,7 +13,7 @@ def devices(measure: bool = True) -> None:
     """
     from splatreel.base.errors import GpuError
     from splatreel.gpu import adapters as gpus
-    from splatreel.gpu.adapters import SharedGpu
+    from splatreel.gpu.shared_gpu import SharedGpu
     from splatreel.run import gpu_speed
     from splatreel.run.device_choice import pick_gpu
     from splatreel.run.machine_speed import describe_processor

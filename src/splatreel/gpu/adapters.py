@@ -6,14 +6,13 @@ import contextlib
 import importlib.util
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from splatreel.base.errors import GpuError, UsageError
+from splatreel.base.errors import UsageError
 from splatreel.gpu.cuda_libraries import CudaDevice, cuda_devices
-from splatreel.gpu.device import Gpu
 
 CUDA = "CUDA"
 """Interface of adapters that NVIDIA's driver and run-time compiler (NVRTC) reach without Vulkan."""
@@ -143,51 +142,3 @@ def require_adapter() -> Adapter:
     if adapter is None:
         raise UsageError(f"--device gpu: {why} Use --device cpu, or run `splatreel devices` to see what there is.")
     return adapter
-
-
-class SharedGpu:
-    """An adapter that is opened when it is first used. After a failure, the process does not use it again.
-
-    Attributes:
-        adapter: The adapter.
-        kind: Value of `--device` that chooses it: gpu, or cuda with gsplat.
-        failure: What failed; None if nothing did.
-    """
-
-    def __init__(self, adapter: Adapter, opener: Callable[[Adapter], Any] | None = None, kind: str = "gpu") -> None:
-        """Choose an adapter, without opening it. opener: function that opens it; None is `open_gpu`."""
-        self.adapter = adapter
-        self.kind = kind
-        self.failure: str | None = None
-        self._opener = opener
-        self._gpu: Any = None
-
-    def open(self) -> Any:
-        """Return the opened device, a `Gpu` or one with programs of its own; None after a failure.
-
-        Raises:
-            GpuError: The driver refuses.
-        """
-        if self._gpu is None and self.failure is None:
-            self._gpu = (self._opener or open_gpu)(self.adapter)
-        return self._gpu
-
-    def fail(self, error: GpuError) -> None:
-        """Stop using the GPU."""
-        self.failure = str(error)
-        self._gpu = None
-
-
-def open_gpu(adapter: Adapter) -> Gpu:
-    """Open an adapter through its interface.
-
-    Raises:
-        GpuError: The driver refuses.
-    """
-    if adapter.interface == CUDA:
-        from splatreel.gpu.cuda_device import CudaGpu
-
-        return CudaGpu(adapter)
-    from splatreel.gpu.wgpu_device import WgpuGpu
-
-    return WgpuGpu(adapter)

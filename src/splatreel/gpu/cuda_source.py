@@ -239,7 +239,7 @@ class Binding(NamedTuple):
 
 
 def translate(source: str) -> str:
-    """Translate the complete source of a kernel, `kernel_source.complete_source`, to CUDA C++ that follows the prelude.
+    """Translate the complete source of a kernel, `device.complete_source`, to CUDA C++ that follows the prelude.
 
     Returns:
         Source with the entry point `ENTRY`. Its parameters are the buffers in the order of their numbers: uniforms by value, storage

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from splatreel.gpu.adapters import Adapter, SharedGpu
+from splatreel.gpu.adapters import Adapter
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.gsplat import program
 from splatreel.gsplat.drawing import Lens, rasterize, splats_of
 from splatreel.method.deform.trajectory import Trajectory

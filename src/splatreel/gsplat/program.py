@@ -21,11 +21,11 @@ from splatreel.gsplat.drawing import Frozen, Lens, Splats, freeze, rasterize, ra
 from splatreel.method.deform.appearance import LAMBDA, RATES, Appearance
 from splatreel.method.deform.knot_adam import DECAYS, Adam, KnotAdam
 from splatreel.method.deform.trajectory import Trajectory
-from splatreel.method.train.losses import LAMBDA_DSSIM, weight_of
+from splatreel.method.train.losses import weight_of
 from splatreel.method.train.programs import Draw, GroupState, KeyframeDraw, KeyframeState, Outcome
 from splatreel.method.train.render import StaticCache
 from splatreel.method.train.terms.opacity import Opacity
-from splatreel.method.train.terms.photometric import Photometric
+from splatreel.method.train.terms.photometric import LAMBDA_DSSIM, Photometric
 from splatreel.method.train.terms.rigidity import Rigidity
 from splatreel.method.train.terms.smoothness import Smoothness
 from splatreel.method.train.terms.surfaces import Roughness, Spread

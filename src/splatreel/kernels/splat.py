@@ -2,7 +2,7 @@
 
 The kernels follow gsplat's rules. 0.3 px^2 is added to the diagonal of the 2D covariance. Alpha is min(0.999, opacity exp(-sigma)), and
 alphas below 1/255 are skipped. A pixel is full once its transmittance would fall to 1e-4. Pixel centers are at +0.5. Training calls
-`deform`, `binning`, `rasterize` and `layered` directly, which check nothing.
+`deform`, `binning`, `rasterize` and `photometric` directly, which check nothing.
 """
 
 from __future__ import annotations

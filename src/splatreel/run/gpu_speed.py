@@ -10,7 +10,7 @@ import numpy as np
 from splatreel.base.errors import GpuError
 from splatreel.base.progress import Silent
 from splatreel.config import KeyframeConfig
-from splatreel.gpu.adapters import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
 from splatreel.method.train.trainable_points import TrainablePoints, default_rates

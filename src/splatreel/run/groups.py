@@ -7,7 +7,7 @@ import numpy as np
 from splatreel.capture.base import Capture
 from splatreel.capture.prefetch import FramePrefetcher
 from splatreel.codec.preview import remove_previews
-from splatreel.method.algorithm import Handover, hand_over, reconstruct_group
+from splatreel.method.algorithm import NextGroup, Start, hand_over, reconstruct_group
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.init.layout import Layout
 from splatreel.method.init.visual_hull import is_sparse
@@ -25,7 +25,7 @@ def reconstruct_groups(
     spans: list[GroupSpan],
     capture: Capture,
     layout: Layout,
-    before: Handover,
+    before: Start,
     output: Output,
     plates: np.ndarray | None = None,
 ) -> None:
@@ -57,13 +57,13 @@ def run_group(
     job: Job,
     span: GroupSpan,
     frames: np.ndarray,
-    before: Handover,
+    before: Start,
     layout: Layout,
     output: Output,
     plates: np.ndarray | None = None,
     missing: np.ndarray | None = None,
     alpha: np.ndarray | None = None,
-) -> Handover:
+) -> NextGroup:
     """Reconstruct one group, with checkpoints, and write it.
 
     Args:
@@ -108,7 +108,7 @@ def run_group(
     return after
 
 
-def restore_group(job: Job, span: GroupSpan, before: Handover) -> Handover:
+def restore_group(job: Job, span: GroupSpan, before: Start) -> NextGroup:
     """Return the state that a finished group passed on, from its checkpoints."""
     store = job.store.group(span.index)
     layer, static = store.layer(), before.static

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from splatreel.base.process import give_back_freed_memory
 from splatreel.base.progress import Progress, Span
 from splatreel.config import Config
-from splatreel.gpu.adapters import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.run.run_history import RecordedProgress
 from splatreel.run.steps import STEPS
 from splatreel.run.store import Store

@@ -112,7 +112,7 @@ def _held(capture: Capture, config: Config) -> float:
 
 
 def _has_opposite_backgrounds(capture: Capture) -> bool:
-    """Return True if groups hold each image over two backgrounds (`method/train/opposite_backgrounds.py`)."""
+    """Return True if groups hold each image over two backgrounds (`method/train/subject.py`)."""
     if not capture.backgrounds:
         return False
     from splatreel.method.init.visual_hull import is_sparse  # needs OpenCV, which `capture check` does not require

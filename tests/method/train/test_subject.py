@@ -1,4 +1,4 @@
-"""Tests of `method/train/opposite_backgrounds.py`."""
+"""Tests of `method/train/subject.py`."""
 
 from dataclasses import replace
 

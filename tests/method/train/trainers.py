@@ -8,7 +8,7 @@ import pytest
 from splatreel.base.progress import Silent
 from splatreel.config import Config, preset
 from splatreel.config.settings import changed
-from splatreel.gpu.adapters import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels.image import render_image
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.cameras.time_offsets import TimeOffsets

@@ -9,7 +9,7 @@ import numpy as np
 
 from splatreel.base import threads
 from splatreel.base.paged_arrays import frame_array, release_pages
-from splatreel.gpu.adapters import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels.image import Backdrop, render_image
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.init.layout import Layout

@@ -19,9 +19,6 @@ ITERATIONS = 400
 """Iterations of the paper's lifting, one view each: twenty per view for twenty cameras. Fewer leave labels between 0 and 1."""
 NEIGHBORS = 8
 """Number of neighbors whose labels count too; the paper's value (section 5.1)."""
-DYNAMIC_LABEL = 0.5
-"""Labels above this value are dynamic: the middle of 0 (static) and 1. A lower value makes more points dynamic, which costs
-bytes."""
 
 
 class _Contributions(NamedTuple):
@@ -43,7 +40,8 @@ class _Contributions(NamedTuple):
 def lift(
     points: Gaussians, cameras: list[Camera], masks: np.ndarray, near: float, config: LayeringConfig
 ) -> np.ndarray:
-    """Return a motion label per point, [N] float32 in 0..1. A label above `DYNAMIC_LABEL` is dynamic; points that no camera sees get 0.
+    """Return a motion label per point, [N] float32 in 0..1. Points that no camera sees get 0. `labels.DYNAMIC_LABEL` divides
+    static from dynamic ones.
 
     Args:
         points: N points.

@@ -15,7 +15,7 @@ from splatreel.base.progress import Progress
 from splatreel.capture.masked_capture import PALETTE, is_doubtful
 from splatreel.capture.srgb import over_color
 from splatreel.config import preset
-from splatreel.gpu.adapters import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels.image import render_image
 from splatreel.method.train.single_frame import Subject, reconstruct_single_frame
 from splatreel.scene.camera import Camera, angles_apart, middle_camera

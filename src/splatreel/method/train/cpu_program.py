@@ -17,11 +17,11 @@ from splatreel.kernels.binning import bin_splats
 from splatreel.kernels.splat import Splats
 from splatreel.method.cameras.time_offsets import neighborhood, slope
 from splatreel.method.deform.protocol import Slope
-from splatreel.method.train.losses import LAMBDA_DSSIM, Terms
+from splatreel.method.train.losses import Terms
 from splatreel.method.train.programs import Draw, GroupState, KeyframeDraw, KeyframeState, Outcome
 from splatreel.method.train.render import NO_CHANGE, View
 from splatreel.method.train.subject import bound_colors
-from splatreel.method.train.terms.photometric import Compared, ImageSplats, compare
+from splatreel.method.train.terms.photometric import LAMBDA_DSSIM, Compared, ImageSplats, compare
 from splatreel.method.train.terms.term import Due, GroupIteration, Iteration, Neighbors, due_terms, reported_loss
 from splatreel.method.train.trainable_points import NAMES
 from splatreel.method.train.training_images import TrainingImages

@@ -25,311 +25,6 @@ from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import C0
 from splatreel.scene.volumes import Volume
 
-RESET_AT = (0.25, 0.45)
-"""Shares of training after which opacities are reset (docs/experiments/2026-11-28-pruning-and-view-scores.md)."""
-RESET_OPACITY = 0.05
-"""Maximum opacity after a reset."""
-PRUNED_SHARE = 0.2
-"""Share of all points that is pruned after each reset."""
-RECOVERY = 40
-"""Minimum number of iterations between a reset and the pruning."""
-RECOVERY_ROUNDS = 1.5
-"""Minimum number of times that each view is drawn between a reset and the pruning. A point recovers only in views that see it."""
-MAX_RECOVERY = 0.1
-"""Share of training above which recovery takes too long. Opacities are then never reset."""
-
-
-class OpacityResets:
-    """Times of the resets and prunings of one training.
-
-    Attributes:
-        resets: Numbers of finished iterations after which opacities are reset.
-        prunings: Numbers of finished iterations after which points are pruned.
-    """
-
-    def __init__(self, total: int, views: int) -> None:
-        """Choose the times.
-
-        Args:
-            total: Iterations of training.
-            views: Number of training views.
-        """
-        wait = max(RECOVERY, math.ceil(RECOVERY_ROUNDS * views))
-        self.resets = [round(at * total) for at in RESET_AT] if wait <= MAX_RECOVERY * total else []
-        self.prunings = [done + wait for done in self.resets]
-
-    def is_due(self, done: int) -> bool:
-        """Return whether `update` changes points after `done` iterations."""
-        return done in self.resets or done in self.prunings
-
-    def update(self, done: int, points: TrainablePoints) -> bool:
-        """Reset opacities or prune points after `done` iterations, if due. Return whether points were pruned."""
-        if done in self.resets:
-            reset_opacities(points)
-        if done not in self.prunings:
-            return False
-        points.keep(~faintest(points))
-        return True
-
-
-def reset_opacities(points: TrainablePoints) -> None:
-    """Lower all opacities to at most `RESET_OPACITY`, and restart their optimizer state."""
-    highest = math.log(RESET_OPACITY / (1 - RESET_OPACITY))
-    points.adams["logit_opacities"].rewrite(lambda logits: np.minimum(logits, np.float32(highest)), np.zeros_like)
-
-
-def faintest(points: TrainablePoints) -> np.ndarray:
-    """Return the mask [N] of the faintest `PRUNED_SHARE` of all points."""
-    opacities = points.opacities
-    return opacities < np.quantile(opacities, PRUNED_SHARE)
-
-
-NEAREST_VIEWS = 4
-"""Views that a patch is compared with. The best two count, since others may be occluded."""
-PATCH = 5
-"""Width of a patch, pixels."""
-STEPS, STEP_PIXELS = 8, 0.5
-"""Depths in front of the rendered one, and as many behind it; their distance in the median neighboring view, pixels."""
-LARGEST_STEP = 0.03
-"""Largest distance of two depths, as a share of the rendered inverse depth."""
-STEP_COST = 0.03
-"""Correlation that a step away from the rendered depth must gain."""
-MIN_GAIN, MIN_CORRELATION = 0.1, 0.4
-"""A depth replaces the rendered one if its correlation is larger by `MIN_GAIN`, and at least `MIN_CORRELATION`. Measured in
-docs/experiments/2026-11-27-plain-walls.md."""
-BATCH = 4096
-"""Pixels that are searched together. It bounds the memory; OpenCV samples at most 32767 rows at once."""
-SMOOTHING = 1.5
-"""Standard deviation, pixels, of the filter of inverse depths. The slope of a patch follows from the result."""
-
-
-@dataclass(frozen=True)
-class _Relation:
-    """Pose of another view relative to the reference view.
-
-    Attributes:
-        rotation: [3, 3] reference to other.
-        translation: [3] reference to other, world units.
-        K: [3, 3] intrinsics of the other view, pixels.
-        gray: [H, W] float32 image of the other view, 0..1; NaN where it is unknown.
-    """
-
-    rotation: np.ndarray
-    translation: np.ndarray
-    K: np.ndarray
-    gray: np.ndarray
-
-    def pixels(self, rays: np.ndarray, inverse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the columns and rows [M, D, P] of points, with pixel centers at integers; NaN behind the view.
-
-        Args:
-            rays: [M, P, 3] directions in the reference view, with z = 1.
-            inverse: [M, D, P] inverse depths.
-        """
-        x, y, z = ((rays @ self.rotation[axis])[:, None] + self.translation[axis] * inverse for axis in range(3))
-        z = np.where(z > 1e-6, z, np.nan)
-        return x / z * self.K[0, 0] + self.K[0, 2] - 0.5, y / z * self.K[1, 1] + self.K[1, 2] - 0.5
-
-    def correlation(self, patches: np.ndarray, rays: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-        """Return the correlation [M, D] of patches [M, P] with this view at inverse depths [M, D, P]; NaN outside of the image."""
-        column, row = self.pixels(rays, inverse)
-        height, width = self.gray.shape
-        seen = ((column >= 0) & (column <= width - 1) & (row >= 0) & (row <= height - 1)).all(-1)
-        x, y = (np.where(seen[..., None], at, 0).reshape(len(at), -1).astype(np.float32) for at in (column, row))
-        found = cv2.remap(self.gray, x, y, cv2.INTER_LINEAR).reshape(column.shape)
-        return np.where(seen, _correlate(patches[:, None], found), np.nan)
-
-
-class RayDepths:
-    """Search for depths in the training images of one frame."""
-
-    def __init__(self, images: TrainingImages) -> None:
-        """Prepare the images.
-
-        Args:
-            images: Training images of a keyframe.
-        """
-        self.views = images.views
-        self.near = images.near
-        self.poses = [view.viewmat.astype(np.float64) for view in self.views]
-        self.intrinsics = [view.K.astype(np.float64) for view in self.views]
-        self.grays = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255 for image in images.pixels[0]]
-        if images.unknown is not None:
-            for gray, unknown in zip(self.grays, images.unknown[0], strict=True):
-                gray[unknown] = np.nan
-        centers = np.stack([view.center for view in self.views])
-        self.nearest = nearest_poses(centers, np.stack([pose[2, :3] for pose in self.poses]), NEAREST_VIEWS)
-
-    def agreed(self, camera: int, pixels: np.ndarray, depth: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """Return the depths [M] of pixels: those that other views agree on, else the rendered ones.
-
-        Args:
-            camera: Number of the view.
-            pixels: [M] row-major numbers of the pixels.
-            depth: [H, W] rendered depth, world units.
-            known: [H, W] bool, pixels with a rendered depth.
-        """
-        rendered = depth.ravel()[pixels].astype(np.float64)
-        if len(self.nearest[camera]) < 2:
-            return rendered
-        surface = _smoothed(1 / depth.astype(np.float64), known)
-        for start in range(0, len(pixels), BATCH):
-            batch = slice(start, start + BATCH)
-            found = self._found(camera, pixels[batch], surface)
-            rendered[batch] = np.where(np.isnan(found), rendered[batch], found)
-        return rendered
-
-    def _found(self, camera: int, pixels: np.ndarray, surface: np.ndarray) -> np.ndarray:
-        """Return the depths [M] that other views agree on; NaN where the rendered one is kept. surface: [H, W] inverse depths."""
-        row, column, rays = self._patches(camera, pixels)
-        inverse = surface[row, column]
-        middle = inverse[:, PATCH**2 // 2]
-        others = [self._relation(camera, other) for other in self.nearest[camera]]
-        shifts = np.arange(-STEPS, STEPS + 1)
-        tried = middle[:, None] + shifts * _steps(others, rays[:, PATCH**2 // 2], middle)[:, None]
-        tried = np.minimum(tried, 1 / self.near)
-        surfaces = np.maximum(tried[..., None] + (inverse - middle[:, None])[:, None], 0)
-        patches = self.grays[camera][row, column]
-        scores = np.stack([other.correlation(patches, rays, surfaces) for other in others])
-        scores = -np.sort(-np.where(np.isnan(scores), -np.inf, scores), axis=0)[:2].mean(0)
-        best = np.argmax(scores - STEP_COST * np.abs(shifts), 1)
-        found = scores[np.arange(len(best)), best]
-        better = (found > MIN_CORRELATION) & (found > np.maximum(scores[:, STEPS], -1) + MIN_GAIN)
-        return np.where(better, 1 / tried[np.arange(len(best)), best], np.nan)
-
-    def _patches(self, camera: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the rows and columns [M, P] of the patches around pixels [M], and their rays [M, P, 3] with z = 1."""
-        view, K, radius = self.views[camera], self.intrinsics[camera], PATCH // 2
-        down, across = np.mgrid[-radius : radius + 1, -radius : radius + 1].reshape(2, -1)
-        row = np.clip((pixels // view.width)[:, None] + down, 0, view.height - 1)
-        column = np.clip((pixels % view.width)[:, None] + across, 0, view.width - 1)
-        x, y = (column + 0.5 - K[0, 2]) / K[0, 0], (row + 0.5 - K[1, 2]) / K[1, 1]
-        return row, column, np.stack([x, y, np.ones_like(x)], -1)
-
-    def _relation(self, camera: int, other: int) -> _Relation:
-        relative = self.poses[other] @ np.linalg.inv(self.poses[camera])
-        return _Relation(relative[:3, :3], relative[:3, 3], self.intrinsics[other], self.grays[other])
-
-
-def _steps(others: list[_Relation], rays: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """Return the distance [M] of two inverse depths that moves pixels [M] by `STEP_PIXELS` in the median other view.
-
-    Args:
-        others: Other views.
-        rays: [M, 3] directions of the pixels.
-        inverse: [M] inverse depths.
-    """
-    nearby = np.stack([inverse, 1.01 * inverse], 1)[..., None]
-    moved = [np.hypot(*(at[:, 1, 0] - at[:, 0, 0] for at in other.pixels(rays[:, None], nearby))) for other in others]
-    moved = np.stack(moved)
-    median = np.median(np.where(np.isnan(moved), 0, moved), axis=0)
-    return np.minimum(STEP_PIXELS * 0.01 / np.maximum(median, 1e-9), LARGEST_STEP) * inverse
-
-
-def _smoothed(inverse: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return inverse depths [H, W], averaged over the known pixels around each pixel; unchanged where none is known."""
-    weight = cv2.GaussianBlur(known.astype(np.float64), (0, 0), SMOOTHING)
-    total = cv2.GaussianBlur(np.where(known, inverse, 0), (0, 0), SMOOTHING)
-    return np.where(weight > 1e-6, total / np.maximum(weight, 1e-6), inverse)
-
-
-def _correlate(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the zero-mean normalized correlation of patches over their last axis. Flat patches have none."""
-    a, b = a - a.mean(-1, keepdims=True), b - b.mean(-1, keepdims=True)
-    power = (np.square(a).mean(-1) + NOISE**2) * (np.square(b).mean(-1) + NOISE**2)
-    return (a * b).mean(-1) / np.sqrt(power)
-
-
-ADDED_AT = (0.3, 0.4, 0.5, 0.6)
-"""Shares of training after which points are added."""
-ADDED_SHARE = 0.2
-"""Points added at each of these times, as a share of all points."""
-SIZE = 0.7
-"""Standard deviation of an added point, pixels."""
-OPACITY = 0.3
-"""Opacity of an added point."""
-MIN_ALPHA = 0.5
-"""Alpha above which a pixel has a depth."""
-
-Draw = Callable[[int], tuple[Splats, np.ndarray]]
-"""Function that returns the projected points of a camera and the image [H, W, 3] that the camera would take of them."""
-
-
-def adds_after(done: int, total: int) -> bool:
-    """Return whether points are added after `done` iterations of `total`."""
-    return done in [round(at * total) for at in ADDED_AT]
-
-
-def points_at_errors(
-    draw: Draw, images: TrainingImages, gains: np.ndarray, bands: int, count: int, rng: np.random.Generator
-) -> dict[str, np.ndarray]:
-    """Return new points in random pixels. The probability of a pixel is its absolute error times its loss of similarity (1 - SSIM).
-
-    A point takes the color of its pixel, and the depth that neighboring views agree on (`RayDepths`), else the rendered depth.
-
-    Args:
-        draw: Draws the current points.
-        images: Training images.
-        gains: [C, 3] color gains of the cameras.
-        bands: Number of harmonics of a point beyond the constant.
-        count: Number of points to add, over all cameras.
-        rng: Source of the pixels.
-
-    Returns:
-        Unconstrained arrays of up to `count` points, as in `TrainablePoints`.
-    """
-    found, ray_depths = [], RayDepths(images)
-    for camera, view in enumerate(images.views):
-        splats, image = draw(camera)
-        target = images.target(0, camera, image, None).astype(np.float32) / 255
-        depths = Depths.of(splats, view, images.near)
-        known, rendered = depths.alpha > MIN_ALPHA, images.near * np.exp(depths.moments[..., 0])
-        pixels = _choose(_errors(image, target) * known, count // len(images.views), rng)
-        depth = ray_depths.agreed(camera, pixels, rendered, known).astype(np.float32)
-        found.append((*_unproject(view, pixels, depth), target.reshape(-1, 3)[pixels] / gains[camera]))
-    means, sizes, colors = (np.concatenate(column) for column in zip(*found, strict=True))
-    added = len(means)
-    return {
-        "means": means,
-        "quats": np.tile(np.array([1, 0, 0, 0], np.float32), (added, 1)),
-        "log_scales": np.tile(np.log(sizes)[:, None], (1, 3)),
-        "logit_opacities": np.full(added, math.log(OPACITY / (1 - OPACITY)), np.float32),
-        "sh_base": ((colors - 0.5) / C0)[:, None],
-        "sh_rest": np.zeros((added, bands, 3), np.float32),
-    }
-
-
-def _errors(image: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Return the absolute error times the loss of similarity (1 - SSIM) at every pixel [H, W] of images [H, W, 3], 0..1."""
-    first, second = (_blurred(x) for x in (image, target))
-    variances = _blurred(image * image) - first * first, _blurred(target * target) - second * second
-    covariance = _blurred(image * target) - first * second
-    c1, c2 = 0.01**2, 0.03**2
-    similarity = (2 * first * second + c1) * (2 * covariance + c2)
-    similarity /= (first * first + second * second + c1) * (variances[0] + variances[1] + c2)
-    return np.abs(image - target).mean(-1) * np.clip(1 - similarity, 0, 1).mean(-1)
-
-
-def _blurred(image: np.ndarray) -> np.ndarray:
-    return cv2.GaussianBlur(image, (11, 11), 1.5)
-
-
-def _choose(weights: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Return up to `count` different pixels [M] int64 of an image of weights [H, W], each with a probability by its weight."""
-    flat = weights.astype(np.float64).ravel()
-    count = min(count, int((flat > 0).sum()))
-    return rng.choice(len(flat), count, replace=False, p=flat / flat.sum()) if count else np.zeros(0, np.int64)
-
-
-def _unproject(view: View, pixels: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the positions [M, 3] of pixels [M] at depths [M], and the sizes [M] there, world units."""
-    row, column = pixels // view.width, pixels % view.width
-    x = (column + 0.5 - view.K[0, 2]) / view.K[0, 0] * depth
-    y = (row + 0.5 - view.K[1, 2]) / view.K[1, 1] * depth
-    local = np.stack([x, y, depth], 1).astype(np.float32)
-    return (local - view.viewmat[:3, 3]) @ view.viewmat[:3, :3], SIZE * depth / view.K[0, 0]
-
-
 CULL_OPACITY = 0.05
 """Opacity below which points are pruned (paper section 5.1). Fainter points hardly show, and cost bytes and time."""
 GROWTH_GRADIENT = 2e-4
@@ -673,3 +368,308 @@ class GroupDensity:
             dynamic = (neighbors >= len(index)).mean(1)
             surrounded[index] = dynamic > self.config.layering.adapt_neighbors
         return surrounded
+
+
+RESET_AT = (0.25, 0.45)
+"""Shares of training after which opacities are reset (docs/experiments/2026-11-28-pruning-and-view-scores.md)."""
+RESET_OPACITY = 0.05
+"""Maximum opacity after a reset."""
+PRUNED_SHARE = 0.2
+"""Share of all points that is pruned after each reset."""
+RECOVERY = 40
+"""Minimum number of iterations between a reset and the pruning."""
+RECOVERY_ROUNDS = 1.5
+"""Minimum number of times that each view is drawn between a reset and the pruning. A point recovers only in views that see it."""
+MAX_RECOVERY = 0.1
+"""Share of training above which recovery takes too long. Opacities are then never reset."""
+
+
+class OpacityResets:
+    """Times of the resets and prunings of one training.
+
+    Attributes:
+        resets: Numbers of finished iterations after which opacities are reset.
+        prunings: Numbers of finished iterations after which points are pruned.
+    """
+
+    def __init__(self, total: int, views: int) -> None:
+        """Choose the times.
+
+        Args:
+            total: Iterations of training.
+            views: Number of training views.
+        """
+        wait = max(RECOVERY, math.ceil(RECOVERY_ROUNDS * views))
+        self.resets = [round(at * total) for at in RESET_AT] if wait <= MAX_RECOVERY * total else []
+        self.prunings = [done + wait for done in self.resets]
+
+    def is_due(self, done: int) -> bool:
+        """Return whether `update` changes points after `done` iterations."""
+        return done in self.resets or done in self.prunings
+
+    def update(self, done: int, points: TrainablePoints) -> bool:
+        """Reset opacities or prune points after `done` iterations, if due. Return whether points were pruned."""
+        if done in self.resets:
+            reset_opacities(points)
+        if done not in self.prunings:
+            return False
+        points.keep(~faintest(points))
+        return True
+
+
+def reset_opacities(points: TrainablePoints) -> None:
+    """Lower all opacities to at most `RESET_OPACITY`, and restart their optimizer state."""
+    highest = math.log(RESET_OPACITY / (1 - RESET_OPACITY))
+    points.adams["logit_opacities"].rewrite(lambda logits: np.minimum(logits, np.float32(highest)), np.zeros_like)
+
+
+def faintest(points: TrainablePoints) -> np.ndarray:
+    """Return the mask [N] of the faintest `PRUNED_SHARE` of all points."""
+    opacities = points.opacities
+    return opacities < np.quantile(opacities, PRUNED_SHARE)
+
+
+NEAREST_VIEWS = 4
+"""Views that a patch is compared with. The best two count, since others may be occluded."""
+PATCH = 5
+"""Width of a patch, pixels."""
+STEPS, STEP_PIXELS = 8, 0.5
+"""Depths in front of the rendered one, and as many behind it; their distance in the median neighboring view, pixels."""
+LARGEST_STEP = 0.03
+"""Largest distance of two depths, as a share of the rendered inverse depth."""
+STEP_COST = 0.03
+"""Correlation that a step away from the rendered depth must gain."""
+MIN_GAIN, MIN_CORRELATION = 0.1, 0.4
+"""A depth replaces the rendered one if its correlation is larger by `MIN_GAIN`, and at least `MIN_CORRELATION`. Measured in
+docs/experiments/2026-11-27-plain-walls.md."""
+BATCH = 4096
+"""Pixels that are searched together. It bounds the memory; OpenCV samples at most 32767 rows at once."""
+SMOOTHING = 1.5
+"""Standard deviation, pixels, of the filter of inverse depths. The slope of a patch follows from the result."""
+
+
+@dataclass(frozen=True)
+class _Relation:
+    """Pose of another view relative to the reference view.
+
+    Attributes:
+        rotation: [3, 3] reference to other.
+        translation: [3] reference to other, world units.
+        K: [3, 3] intrinsics of the other view, pixels.
+        gray: [H, W] float32 image of the other view, 0..1; NaN where it is unknown.
+    """
+
+    rotation: np.ndarray
+    translation: np.ndarray
+    K: np.ndarray
+    gray: np.ndarray
+
+    def pixels(self, rays: np.ndarray, inverse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the columns and rows [M, D, P] of points, with pixel centers at integers; NaN behind the view.
+
+        Args:
+            rays: [M, P, 3] directions in the reference view, with z = 1.
+            inverse: [M, D, P] inverse depths.
+        """
+        x, y, z = ((rays @ self.rotation[axis])[:, None] + self.translation[axis] * inverse for axis in range(3))
+        z = np.where(z > 1e-6, z, np.nan)
+        return x / z * self.K[0, 0] + self.K[0, 2] - 0.5, y / z * self.K[1, 1] + self.K[1, 2] - 0.5
+
+    def correlation(self, patches: np.ndarray, rays: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+        """Return the correlation [M, D] of patches [M, P] with this view at inverse depths [M, D, P]; NaN outside of the image."""
+        column, row = self.pixels(rays, inverse)
+        height, width = self.gray.shape
+        seen = ((column >= 0) & (column <= width - 1) & (row >= 0) & (row <= height - 1)).all(-1)
+        x, y = (np.where(seen[..., None], at, 0).reshape(len(at), -1).astype(np.float32) for at in (column, row))
+        found = cv2.remap(self.gray, x, y, cv2.INTER_LINEAR).reshape(column.shape)
+        return np.where(seen, _correlate(patches[:, None], found), np.nan)
+
+
+class RayDepths:
+    """Search for depths in the training images of one frame."""
+
+    def __init__(self, images: TrainingImages) -> None:
+        """Prepare the images.
+
+        Args:
+            images: Training images of a keyframe.
+        """
+        self.views = images.views
+        self.near = images.near
+        self.poses = [view.viewmat.astype(np.float64) for view in self.views]
+        self.intrinsics = [view.K.astype(np.float64) for view in self.views]
+        self.grays = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255 for image in images.pixels[0]]
+        if images.unknown is not None:
+            for gray, unknown in zip(self.grays, images.unknown[0], strict=True):
+                gray[unknown] = np.nan
+        centers = np.stack([view.center for view in self.views])
+        self.nearest = nearest_poses(centers, np.stack([pose[2, :3] for pose in self.poses]), NEAREST_VIEWS)
+
+    def agreed(self, camera: int, pixels: np.ndarray, depth: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """Return the depths [M] of pixels: those that other views agree on, else the rendered ones.
+
+        Args:
+            camera: Number of the view.
+            pixels: [M] row-major numbers of the pixels.
+            depth: [H, W] rendered depth, world units.
+            known: [H, W] bool, pixels with a rendered depth.
+        """
+        rendered = depth.ravel()[pixels].astype(np.float64)
+        if len(self.nearest[camera]) < 2:
+            return rendered
+        surface = _smoothed(1 / depth.astype(np.float64), known)
+        for start in range(0, len(pixels), BATCH):
+            batch = slice(start, start + BATCH)
+            found = self._found(camera, pixels[batch], surface)
+            rendered[batch] = np.where(np.isnan(found), rendered[batch], found)
+        return rendered
+
+    def _found(self, camera: int, pixels: np.ndarray, surface: np.ndarray) -> np.ndarray:
+        """Return the depths [M] that other views agree on; NaN where the rendered one is kept. surface: [H, W] inverse depths."""
+        row, column, rays = self._patches(camera, pixels)
+        inverse = surface[row, column]
+        middle = inverse[:, PATCH**2 // 2]
+        others = [self._relation(camera, other) for other in self.nearest[camera]]
+        shifts = np.arange(-STEPS, STEPS + 1)
+        tried = middle[:, None] + shifts * _steps(others, rays[:, PATCH**2 // 2], middle)[:, None]
+        tried = np.minimum(tried, 1 / self.near)
+        surfaces = np.maximum(tried[..., None] + (inverse - middle[:, None])[:, None], 0)
+        patches = self.grays[camera][row, column]
+        scores = np.stack([other.correlation(patches, rays, surfaces) for other in others])
+        scores = -np.sort(-np.where(np.isnan(scores), -np.inf, scores), axis=0)[:2].mean(0)
+        best = np.argmax(scores - STEP_COST * np.abs(shifts), 1)
+        found = scores[np.arange(len(best)), best]
+        better = (found > MIN_CORRELATION) & (found > np.maximum(scores[:, STEPS], -1) + MIN_GAIN)
+        return np.where(better, 1 / tried[np.arange(len(best)), best], np.nan)
+
+    def _patches(self, camera: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the rows and columns [M, P] of the patches around pixels [M], and their rays [M, P, 3] with z = 1."""
+        view, K, radius = self.views[camera], self.intrinsics[camera], PATCH // 2
+        down, across = np.mgrid[-radius : radius + 1, -radius : radius + 1].reshape(2, -1)
+        row = np.clip((pixels // view.width)[:, None] + down, 0, view.height - 1)
+        column = np.clip((pixels % view.width)[:, None] + across, 0, view.width - 1)
+        x, y = (column + 0.5 - K[0, 2]) / K[0, 0], (row + 0.5 - K[1, 2]) / K[1, 1]
+        return row, column, np.stack([x, y, np.ones_like(x)], -1)
+
+    def _relation(self, camera: int, other: int) -> _Relation:
+        relative = self.poses[other] @ np.linalg.inv(self.poses[camera])
+        return _Relation(relative[:3, :3], relative[:3, 3], self.intrinsics[other], self.grays[other])
+
+
+def _steps(others: list[_Relation], rays: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """Return the distance [M] of two inverse depths that moves pixels [M] by `STEP_PIXELS` in the median other view.
+
+    Args:
+        others: Other views.
+        rays: [M, 3] directions of the pixels.
+        inverse: [M] inverse depths.
+    """
+    nearby = np.stack([inverse, 1.01 * inverse], 1)[..., None]
+    moved = [np.hypot(*(at[:, 1, 0] - at[:, 0, 0] for at in other.pixels(rays[:, None], nearby))) for other in others]
+    moved = np.stack(moved)
+    median = np.median(np.where(np.isnan(moved), 0, moved), axis=0)
+    return np.minimum(STEP_PIXELS * 0.01 / np.maximum(median, 1e-9), LARGEST_STEP) * inverse
+
+
+def _smoothed(inverse: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Return inverse depths [H, W], averaged over the known pixels around each pixel; unchanged where none is known."""
+    weight = cv2.GaussianBlur(known.astype(np.float64), (0, 0), SMOOTHING)
+    total = cv2.GaussianBlur(np.where(known, inverse, 0), (0, 0), SMOOTHING)
+    return np.where(weight > 1e-6, total / np.maximum(weight, 1e-6), inverse)
+
+
+def _correlate(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the zero-mean normalized correlation of patches over their last axis. Flat patches have none."""
+    a, b = a - a.mean(-1, keepdims=True), b - b.mean(-1, keepdims=True)
+    power = (np.square(a).mean(-1) + NOISE**2) * (np.square(b).mean(-1) + NOISE**2)
+    return (a * b).mean(-1) / np.sqrt(power)
+
+
+ADDED_AT = (0.3, 0.4, 0.5, 0.6)
+"""Shares of training after which points are added."""
+ADDED_SHARE = 0.2
+"""Points added at each of these times, as a share of all points."""
+SIZE = 0.7
+"""Standard deviation of an added point, pixels."""
+OPACITY = 0.3
+"""Opacity of an added point."""
+MIN_ALPHA = 0.5
+"""Alpha above which a pixel has a depth."""
+
+Draw = Callable[[int], tuple[Splats, np.ndarray]]
+"""Function that returns the projected points of a camera and the image [H, W, 3] that the camera would take of them."""
+
+
+def adds_after(done: int, total: int) -> bool:
+    """Return whether points are added after `done` iterations of `total`."""
+    return done in [round(at * total) for at in ADDED_AT]
+
+
+def points_at_errors(
+    draw: Draw, images: TrainingImages, gains: np.ndarray, bands: int, count: int, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Return new points in random pixels. The probability of a pixel is its absolute error times its loss of similarity (1 - SSIM).
+
+    A point takes the color of its pixel, and the depth that neighboring views agree on (`RayDepths`), else the rendered depth.
+
+    Args:
+        draw: Draws the current points.
+        images: Training images.
+        gains: [C, 3] color gains of the cameras.
+        bands: Number of harmonics of a point beyond the constant.
+        count: Number of points to add, over all cameras.
+        rng: Source of the pixels.
+
+    Returns:
+        Unconstrained arrays of up to `count` points, as in `TrainablePoints`.
+    """
+    found, ray_depths = [], RayDepths(images)
+    for camera, view in enumerate(images.views):
+        splats, image = draw(camera)
+        target = images.target(0, camera, image, None).astype(np.float32) / 255
+        depths = Depths.of(splats, view, images.near)
+        known, rendered = depths.alpha > MIN_ALPHA, images.near * np.exp(depths.moments[..., 0])
+        pixels = _choose(_errors(image, target) * known, count // len(images.views), rng)
+        depth = ray_depths.agreed(camera, pixels, rendered, known).astype(np.float32)
+        found.append((*_unproject(view, pixels, depth), target.reshape(-1, 3)[pixels] / gains[camera]))
+    means, sizes, colors = (np.concatenate(column) for column in zip(*found, strict=True))
+    added = len(means)
+    return {
+        "means": means,
+        "quats": np.tile(np.array([1, 0, 0, 0], np.float32), (added, 1)),
+        "log_scales": np.tile(np.log(sizes)[:, None], (1, 3)),
+        "logit_opacities": np.full(added, math.log(OPACITY / (1 - OPACITY)), np.float32),
+        "sh_base": ((colors - 0.5) / C0)[:, None],
+        "sh_rest": np.zeros((added, bands, 3), np.float32),
+    }
+
+
+def _errors(image: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Return the absolute error times the loss of similarity (1 - SSIM) at every pixel [H, W] of images [H, W, 3], 0..1."""
+    first, second = (_blurred(x) for x in (image, target))
+    variances = _blurred(image * image) - first * first, _blurred(target * target) - second * second
+    covariance = _blurred(image * target) - first * second
+    c1, c2 = 0.01**2, 0.03**2
+    similarity = (2 * first * second + c1) * (2 * covariance + c2)
+    similarity /= (first * first + second * second + c1) * (variances[0] + variances[1] + c2)
+    return np.abs(image - target).mean(-1) * np.clip(1 - similarity, 0, 1).mean(-1)
+
+
+def _blurred(image: np.ndarray) -> np.ndarray:
+    return cv2.GaussianBlur(image, (11, 11), 1.5)
+
+
+def _choose(weights: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Return up to `count` different pixels [M] int64 of an image of weights [H, W], each with a probability by its weight."""
+    flat = weights.astype(np.float64).ravel()
+    count = min(count, int((flat > 0).sum()))
+    return rng.choice(len(flat), count, replace=False, p=flat / flat.sum()) if count else np.zeros(0, np.int64)
+
+
+def _unproject(view: View, pixels: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the positions [M, 3] of pixels [M] at depths [M], and the sizes [M] there, world units."""
+    row, column = pixels // view.width, pixels % view.width
+    x = (column + 0.5 - view.K[0, 2]) / view.K[0, 0] * depth
+    y = (row + 0.5 - view.K[1, 2]) / view.K[1, 1] * depth
+    local = np.stack([x, y, depth], 1).astype(np.float32)
+    return (local - view.viewmat[:3, 3]) @ view.viewmat[:3, :3], SIZE * depth / view.K[0, 0]

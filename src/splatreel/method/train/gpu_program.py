@@ -37,7 +37,7 @@ from splatreel.method.deform.appearance import LAMBDA, RATES
 from splatreel.method.deform.knot_adam import DECAYS, KnotAdam
 from splatreel.method.deform.spline import Spline
 from splatreel.method.deform.trajectory import Trajectory
-from splatreel.method.train.losses import LAMBDA_DSSIM, weight_of
+from splatreel.method.train.losses import weight_of
 from splatreel.method.train.programs import (
     MOST_DRAWS,
     Draw,
@@ -50,6 +50,7 @@ from splatreel.method.train.programs import (
 )
 from splatreel.method.train.render import StaticCache
 from splatreel.method.train.terms.opacity import Opacity
+from splatreel.method.train.terms.photometric import LAMBDA_DSSIM
 from splatreel.method.train.terms.rigidity import Rigidity
 from splatreel.method.train.terms.smoothness import Smoothness
 from splatreel.method.train.terms.surfaces import Roughness, Spread

@@ -12,7 +12,7 @@ import numpy as np
 from splatreel.base.errors import GaussiansError, GpuError
 from splatreel.base.progress import Progress, Silent
 from splatreel.config import Config
-from splatreel.gpu.adapters import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.cameras.time_offsets import LearnedOffsets, TimeOffsets
 from splatreel.method.deform.knot_adam import Restore, merge_snapshots

@@ -12,7 +12,7 @@ import numpy as np
 from splatreel.base.errors import GaussiansError, GpuError
 from splatreel.base.progress import Progress
 from splatreel.config import KeyframeConfig
-from splatreel.gpu.adapters import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels import splat
 from splatreel.kernels.splat import Splats
 from splatreel.method.cameras.color_gains import CameraGains

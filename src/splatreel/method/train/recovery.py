@@ -7,7 +7,7 @@ from typing import Protocol
 
 from splatreel.base.errors import GaussiansError, GpuError, ReconstructionError
 from splatreel.base.progress import Progress
-from splatreel.gpu.adapters import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.method.deform.knot_adam import Restore
 
 KEEP_EVERY = 250

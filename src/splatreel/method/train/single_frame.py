@@ -8,7 +8,7 @@ import numpy as np
 
 from splatreel.base.progress import Progress, Silent
 from splatreel.config import Config
-from splatreel.gpu.adapters import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.init.initial_points import InitialPoints, close_surface, initial_points, near_plane
 from splatreel.method.init.layout import Layout, border_color, measure

@@ -12,6 +12,9 @@ from splatreel.kernels import photometric, rasterize
 from splatreel.kernels.binning import TILE, Bins, tiles_of
 from splatreel.method.train.terms.term import Due, Iteration, Term, sum_of_weights
 
+LAMBDA_DSSIM = 0.2
+"""Weight of structural similarity in the photometric loss of keyframes, as in 3DGS. That of groups is `GroupConfig.lambda_dssim`."""
+
 
 @dataclass(frozen=True)
 class Photometric(Term[Iteration]):
