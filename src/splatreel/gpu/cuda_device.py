@@ -53,7 +53,6 @@ class CudaUniform:
     """
 
     def __init__(self, data: bytes) -> None:
-        """Copy the first values."""
         self.data = ctypes.create_string_buffer(data, len(data))
         self.size = len(data)
 
@@ -165,7 +164,6 @@ class CudaRecording(Recording):
     """Calls of the driver."""
 
     def __init__(self, gpu: CudaGpu) -> None:
-        """Start an empty list."""
         super().__init__(gpu)
         self._gpu = gpu
         self._calls: list[Call] = []

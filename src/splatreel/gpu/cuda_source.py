@@ -87,7 +87,6 @@ class ExpressionTranslator:
     """Recursive-descent parser of types and expressions, which writes C++ while it reads WGSL."""
 
     def __init__(self, source: str) -> None:
-        """Start at the first token of a source."""
         self._tokens = [found["token"] for found in _TOKEN.finditer(source) if found["token"]]
         self._place = 0
         self._constants: dict[str, float] = {}

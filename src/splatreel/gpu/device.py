@@ -183,7 +183,6 @@ class Recording(ABC):
     """A list of dispatches, which run in order when they are submitted."""
 
     def __init__(self, gpu: Gpu) -> None:
-        """Start an empty list."""
         self._group = gpu.group
 
     @abstractmethod

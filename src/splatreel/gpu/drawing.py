@@ -92,7 +92,6 @@ class Drawing:
     """
 
     def __init__(self, gpu: Gpu) -> None:
-        """Create a drawing without points."""
         self.gpu = gpu
         self.count: int = 0
         self.columns = 14

@@ -120,7 +120,6 @@ class WgpuRecording(Recording):
     """A command buffer."""
 
     def __init__(self, gpu: WgpuGpu) -> None:
-        """Start an empty command buffer."""
         super().__init__(gpu)
         self._gpu = gpu
         self._encoder = gpu.device.create_command_encoder()

@@ -27,7 +27,6 @@ class GsplatGpu:
     """
 
     def __init__(self, device: str = "cuda") -> None:
-        """Choose a device of PyTorch."""
         self.device = torch.device(device)
 
     def unsupported(self, state: GroupState | KeyframeState) -> str | None:

@@ -110,7 +110,6 @@ class Meter:
     """Lengths of the screen-space gradients of points, see `density.GradientMeter`."""
 
     def __init__(self, count: int, device: torch.device) -> None:
-        """Start with no views of `count` points."""
         self.sum, self.seen = (torch.zeros(count, device=device) for _ in range(2))
 
     def add(self, gradient: Tensor, lens: Lens, index: Tensor | None = None) -> None:
@@ -139,7 +138,6 @@ class GsplatProgram(ABC, Generic[D]):
     def __init__(
         self, device: torch.device, points: TrainablePoints, static: StaticCache | None, images: TrainingImages
     ) -> None:
-        """Prepare a program; `upload` follows."""
         self.device = device
         self.images = images
         self._points = points
@@ -251,7 +249,6 @@ class GsplatKeyframeProgram(GsplatProgram[KeyframeDraw]):
     """Program of a keyframe, see `KeyframeProgram`."""
 
     def __init__(self, device: torch.device, state: KeyframeState) -> None:
-        """Prepare a program; `upload` follows."""
         super().__init__(device, state.points, state.static, state.images)
         self._state = state
 
@@ -353,7 +350,6 @@ class GsplatGroupProgram(GsplatProgram[Draw]):
     """
 
     def __init__(self, device: torch.device, state: GroupState) -> None:
-        """Prepare a program; `upload` follows."""
         super().__init__(device, state.points.canonical, state.density.static, state.images)
         self.neighbors: Neighbors | None = None
         self.learns_time = state.learns_time

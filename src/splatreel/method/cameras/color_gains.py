@@ -25,7 +25,6 @@ class CameraGains:
     """
 
     def __init__(self, cameras: int, enabled: bool = True, rate: float = 2e-3) -> None:
-        """Start with gains of one."""
         self.enabled = enabled
         self.adam = Adam(np.ones((cameras, 3), np.float32), rate, eps=1e-8)
 

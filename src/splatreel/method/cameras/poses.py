@@ -165,7 +165,6 @@ class _PoseCheck:
     """
 
     def __init__(self, cameras: list[Camera], frames: np.ndarray) -> None:
-        """Detect and match the features."""
         self.cameras = list(cameras)
         self.pairs = neighbor_pairs(cameras, NEIGHBORS)
         self.apart = separation(cameras)

@@ -63,7 +63,6 @@ class TimeOffsets:
     """
 
     def __init__(self, cameras: int, enabled: bool = True) -> None:
-        """Start with offsets of zero."""
         self.enabled = enabled
         self.load(np.zeros(cameras))
 

@@ -88,11 +88,7 @@ class Appearance:
         return self.adam.snapshot()
 
     def check(self) -> None:
-        """Check all values.
-
-        Raises:
-            GaussiansError: If a value is NaN or infinite.
-        """
+        """Raise a `GaussiansError` if a value is NaN or infinite."""
         splat.check_finite(shade=self.controls)
 
     def keep(self, index: np.ndarray) -> None:

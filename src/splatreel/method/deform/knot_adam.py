@@ -35,7 +35,6 @@ class Adam:
     """
 
     def __init__(self, parameter: np.ndarray, rate: float, eps: float) -> None:
-        """Copy an array and start its moments at zero."""
         self.rate = rate
         self.eps = eps
         mean, square = (np.zeros_like(parameter, np.float32) for _ in range(2))

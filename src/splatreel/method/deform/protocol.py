@@ -78,11 +78,7 @@ class Deformation(Protocol):
         ...
 
     def check(self) -> None:
-        """Check all values.
-
-        Raises:
-            GaussiansError: If a value is NaN or infinite.
-        """
+        """Raise a `GaussiansError` if a value is NaN or infinite."""
         ...
 
     def keep(self, index: np.ndarray) -> None:

@@ -95,14 +95,9 @@ class _ThreadCache(threading.local):
 
 
 class DisFlow:
-    """Dense inverse search by OpenCV. It is fast and needs no weights. Threads may share it.
-
-    Source:
-        Kroeger et al. 2016.
-    """
+    """Dense inverse search by OpenCV. It is fast and needs no weights. Threads may share it. Source: Kroeger et al. 2016."""
 
     def __init__(self) -> None:
-        """Create a flow function. OpenCV objects are created on first use."""
         self._cache = _ThreadCache()
 
     def __call__(
@@ -193,11 +188,7 @@ def _area(box: Box) -> int:
 
 
 class RaftFlow:
-    """RAFT by torchvision (extra `splatreel[models]`), the flow of the paper.
-
-    Source:
-        Teed and Deng 2020.
-    """
+    """RAFT by torchvision (extra `splatreel[models]`), the flow of the paper. Source: Teed and Deng 2020."""
 
     def __init__(
         self, weights: Path | None = None, device: str | None = None, updates: int = 20, model: Any = None

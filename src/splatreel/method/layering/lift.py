@@ -40,8 +40,7 @@ class _Contributions(NamedTuple):
 def lift(
     points: Gaussians, cameras: list[Camera], masks: np.ndarray, near: float, config: LayeringConfig
 ) -> np.ndarray:
-    """Return a motion label per point, [N] float32 in 0..1. Points that no camera sees get 0. `labels.DYNAMIC_LABEL` divides
-    static from dynamic ones.
+    """Return a motion label per point, [N] float32: 0 is static or unseen, 1 dynamic. `labels.DYNAMIC_LABEL` is between.
 
     Args:
         points: N points.

@@ -42,7 +42,6 @@ class CpuProgram(ABC, Generic[D, G]):
     """
 
     def __init__(self, images: TrainingImages, losses: Terms, config: GroupConfig | KeyframeConfig) -> None:
-        """Prepare a program; `upload` follows."""
         self.images = images
         self._losses = losses
         self._config = config
@@ -150,7 +149,6 @@ class CpuGroupProgram(CpuProgram[Draw, _GroupGradients]):
     """
 
     def __init__(self, state: GroupState) -> None:
-        """Prepare a program; `upload` follows."""
         super().__init__(state.images, state.losses, state.config)
         self.neighbors: Neighbors | None = None
         self.learns_time = state.learns_time
@@ -274,7 +272,6 @@ class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _KeyframeGradients]):
     """Program of a keyframe, see `KeyframeProgram`."""
 
     def __init__(self, state: KeyframeState) -> None:
-        """Prepare a program; `upload` follows."""
         super().__init__(state.images, state.losses, state.config)
         self._state = state
 

@@ -42,7 +42,6 @@ class GradientMeter:
     """Mean length of every point's screen-space positional gradient over the views that see it, in normalized device units."""
 
     def __init__(self, count: int) -> None:
-        """Start with no views of `count` points."""
         self.sum, self.seen = np.zeros((2, count), np.float32)
 
     def add(self, grad: np.ndarray, width: int, height: int, index: np.ndarray | None = None) -> None:
@@ -489,11 +488,7 @@ class RayDepths:
     """Search for depths in the training images of one frame."""
 
     def __init__(self, images: TrainingImages) -> None:
-        """Prepare the images.
-
-        Args:
-            images: Training images of a keyframe.
-        """
+        """Prepare the images. images: Training images of a keyframe."""
         self.views = images.views
         self.near = images.near
         self.poses = [view.viewmat.astype(np.float64) for view in self.views]

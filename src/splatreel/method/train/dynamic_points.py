@@ -83,7 +83,6 @@ class DynamicPoints:
     """
 
     def __init__(self, canonical: TrainablePoints, deformation: Deformation, appearance: Appearance | None) -> None:
-        """Combine the three parts, see the attributes."""
         self.canonical = canonical
         self.deformation = deformation
         self.appearance = appearance
@@ -133,11 +132,7 @@ class DynamicPoints:
         return merge_snapshots([part.snapshot() for part in self._parts])
 
     def check(self) -> None:
-        """Check all values.
-
-        Raises:
-            GaussiansError: If a value is NaN or infinite.
-        """
+        """Raise a `GaussiansError` if a value is NaN or infinite."""
         for part in self._parts:
             part.check()
 

@@ -356,7 +356,6 @@ class GpuGroupProgram(GpuProgram):
     """Program of a group, see `Program`. The kernels of the losses are fused."""
 
     def __init__(self, gpu: Gpu, state: GroupState) -> None:
-        """Prepare a program; `upload` follows."""
         points, density, images, config, losses, gains, learns_time = state
         super().__init__(gpu, points.canonical, density.static, images)
         self._moving = points
@@ -589,7 +588,6 @@ class GpuKeyframeProgram(GpuProgram):
     """Program of a keyframe, see `KeyframeProgram`. The losses are fused."""
 
     def __init__(self, gpu: Gpu, state: KeyframeState) -> None:
-        """Prepare a program; `upload` follows."""
         super().__init__(gpu, state.points, state.static, state.images)
         self._state = state
         self._density = state.density

@@ -434,11 +434,7 @@ class GroupTrainer:
         return restore
 
     def check(self) -> None:
-        """Check all values.
-
-        Raises:
-            GaussiansError: If a value is NaN or infinite.
-        """
+        """Raise a `GaussiansError` if a value is NaN or infinite."""
         self.points.check()
 
     def find_neighbors(self) -> None:

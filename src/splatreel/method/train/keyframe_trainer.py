@@ -303,11 +303,7 @@ class KeyframeTrainer:
         return merge_snapshots([self.points.snapshot(), self.gains.snapshot()])
 
     def check(self) -> None:
-        """Check all values.
-
-        Raises:
-            GaussiansError: If a value is NaN or infinite.
-        """
+        """Raise a `GaussiansError` if a value is NaN or infinite."""
         self.points.check()
         splat.check_finite(gains=self.gains.values)
 

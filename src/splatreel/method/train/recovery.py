@@ -26,11 +26,7 @@ class Training(Protocol):
         ...
 
     def check(self) -> None:
-        """Check all values.
-
-        Raises:
-            GaussiansError: If a value is NaN or infinite.
-        """
+        """Raise a `GaussiansError` if a value is NaN or infinite."""
         ...
 
 
@@ -45,7 +41,6 @@ class Recovery:
     """
 
     def __init__(self) -> None:
-        """Start without a saved state, at pace 1."""
         self.pace = 1.0
         self._attempts = 0
         self._failed = 0

@@ -107,11 +107,7 @@ class TrainablePoints:
         return merge_snapshots([adam.snapshot() for adam in self.adams.values()])
 
     def check(self) -> None:
-        """Check all values.
-
-        Raises:
-            GaussiansError: If a value is NaN or infinite.
-        """
+        """Raise a `GaussiansError` if a value is NaN or infinite."""
         splat.check_finite(**self.params)
 
     def gaussians(self) -> Gaussians:
