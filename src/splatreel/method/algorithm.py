@@ -45,11 +45,7 @@ Found = TypeVar("Found")
 
 @dataclass(frozen=True)
 class FirstGroup:
-    """State before the first group of a video, without static points.
-
-    Attributes:
-        seeds: Initial points [P, 3], and their colors [P, 3] 0..1.
-    """
+    """State before the first group of a video: `seeds` are initial points [P, 3] and their colors [P, 3] 0..1."""
 
     keyframe_step: ClassVar[str] = "first keyframe"
     rig: Rig
@@ -71,7 +67,6 @@ class NextGroup:
     """State at the keyframe of a group, passed on by the group before it.
 
     Attributes:
-        rig: Cameras as they are known so far.
         static: All static points so far, decoded.
         dynamic: Dynamic points of the group before, deformed to the keyframe.
         velocity: Motion of `dynamic` at the keyframe; None if it is unknown.
@@ -98,13 +93,7 @@ def reconstruct_group(
 ) -> NextGroup:
     """Reconstruct one group of frames.
 
-    Args:
-        data: Images and cameras of the group. The images are changed.
-        start: State at the keyframe that the group before passed on.
-        config: Settings.
-        coding: Encoder of layers and groups.
-        run: Executes the steps.
-        watch: Receives the points of the first keyframe while they train.
+    `data` holds its images, which are changed. `start` is the state that the group before passed on.
     """
     # The paper assumes constant exposures and correct poses.
     corrected = correct_cameras(data, start, config, run)
@@ -197,11 +186,8 @@ def train_keyframe(
 def renew_static(layers: Layers, static: StaticPoints, retired: Gaussians | None) -> tuple[Layers, StaticPoints]:
     """Return the layers with all new static points, and the old static points that stay static.
 
-    Args:
-        layers: Result of layering.
-        static: All static points so far.
-        retired: The same points before encoding, if their layers end at this group. Those that stay static are then new
-            static points, and no older ones remain.
+    `retired` are the static points before encoding, if their layers end at this group. Those that stay static are then
+    new static points, and no older ones remain.
     """
     if retired is None:
         return layers, static.with_alive(layers.alive)
@@ -230,11 +216,7 @@ def add_offsets(rig: Rig, learned: LearnedOffsets | None, progress: Progress) ->
 def hand_over(rig: Rig, static: StaticPoints, group: Group, own: int) -> NextGroup:
     """Return the state at the next keyframe, with the dynamic points deformed to it (section 4).
 
-    Args:
-        rig: Cameras as they are known so far.
-        static: All static points so far.
-        group: The finished group.
-        own: Number of its frames without the overlap.
+    `own` is the number of the group's frames without the overlap.
     """
     return NextGroup(rig, static.with_alive(group.alive), group.at(own), VelocityPrior.of(group, own))
 

@@ -18,12 +18,7 @@ CHANGED = 0.02
 
 @dataclass(frozen=True)
 class Exposure:
-    """Exposures and light at every frame of a group.
-
-    Attributes:
-        change: Logarithms [T, C, 3] float32 of the factor of each camera.
-        light: Logarithms [T, 3] float32 of the factor that all cameras have in common.
-    """
+    """Logarithms of factors at every frame of a group: `change` [T, C, 3] of each camera, `light` [T, 3] common to all cameras."""
 
     change: np.ndarray
     light: np.ndarray
@@ -37,10 +32,8 @@ class Exposure:
 def measure_exposure(rig: Rig, frames: np.ndarray, reference: np.ndarray | None = None) -> Exposure:
     """Return the exposures and the light of a group.
 
-    Args:
-        rig: Cameras, with their exposures at the keyframe or at `reference`.
-        frames: Images [T, C, H, W, 3] uint8 of the group, the keyframe first.
-        reference: Images [C, H, W, 3] uint8 that the frames are compared with; by default the keyframe.
+    The frames [T, C, H, W, 3] are compared with `reference` [C, H, W, 3] or the keyframe, at which `rig` has its
+    exposures.
     """
     change, light = exposures(frames, reference)
     return Exposure(change + rig.exposure, light + rig.light)
@@ -59,10 +52,7 @@ def report_exposure(rig: Rig, found: Exposure, progress: Progress) -> None:
 
 
 def remove_exposure(frames: np.ndarray, exposure: Exposure) -> None:
-    """Give images [T, C, H, W, 3] uint8 the exposure and the light of the capture's first frame, in place.
-
-    A copy of a group would take much memory.
-    """
+    """Give images [T, C, H, W, 3] uint8 the exposure and the light of the capture's first frame, in place."""
     even_out(frames, exposure.change + exposure.light[:, None])
 
 
@@ -96,17 +86,11 @@ second on they do not: the pixel is a white wall that was gray."""
 
 
 def exposures(frames: np.ndarray, reference: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate each camera's exposure and the light, relative to a reference.
+    """Return the logarithms of each camera's exposure [T, C, 3] and of the light [T, 3], relative to the reference or the first frame.
 
-    An image changes by the sum of both: the factor that most blocks agree on, if it exceeds `MIN_SPREADS` times their spread. The
-    light is the common part of all cameras, if it exceeds `MIN_STANDARD_ERRORS` standard errors. Both shrink to zero near their limit.
-
-    Args:
-        frames: [T, C, H, W, 3] uint8, the keyframe first.
-        reference: [C, H, W, 3] uint8; by default the first frame.
-
-    Returns:
-        Exposures [T, C, 3] and light [T, 3], float32: logarithms of the factor of each color.
+    An image changes by the sum of both: the factor that most blocks agree on, if it exceeds `MIN_SPREADS` times their
+    spread. The light is the common part of all cameras, if it exceeds `MIN_STANDARD_ERRORS` standard errors. Both
+    shrink to zero near their limit.
     """
 
     def of(camera: int) -> np.ndarray:
@@ -120,12 +104,7 @@ def exposures(frames: np.ndarray, reference: np.ndarray | None = None) -> tuple[
 
 
 def even_out(frames: np.ndarray, change: np.ndarray) -> None:
-    """Remove changes from frames, in place.
-
-    Args:
-        frames: [T, C, H, W, 3] uint8.
-        change: [T, C, 3] logarithms.
-    """
+    """Remove logarithmic changes [T, C, 3] from frames [T, C, H, W, 3] uint8, in place."""
     levels = np.arange(256)[:, None]
     white = 1 - np.clip((255 - levels) / (255 - WHITE_FADE_FROM), 0, 1)
     for number, (t, c) in enumerate(np.argwhere(np.any(change != 0, 2))):

@@ -97,11 +97,7 @@ class PoseFindings:
     convention: str | None = None
 
     def refuse(self, origin: str) -> None:
-        """Refuse poses of another convention. `origin` names the file that they come from.
-
-        Raises:
-            ReconstructionError: The poses follow another convention.
-        """
+        """Raise a `ReconstructionError` if the poses follow another convention. `origin` names the file that they come from."""
         if self.convention is not None:
             raise ReconstructionError(
                 f"{origin}: the poses do not fit the images, but would if they were {self.convention}. Convert them to matrices of "
@@ -139,7 +135,6 @@ class PoseEstimate:
     """The pose at which a camera would show most places where they are.
 
     Attributes:
-        camera: The camera at this pose.
         gain: Number of places that it shows where they are, as a multiple of that at the given pose.
         moved: Median shift in pixels of these places by the new pose.
         features: Number of features that the estimate is based on.
@@ -157,12 +152,7 @@ class PoseEstimate:
 
 
 class _PoseCheck:
-    """Features of all cameras at some moments, and their matches.
-
-    Args:
-        cameras: The cameras.
-        frames: Images [T, C, H, W, 3] uint8.
-    """
+    """Features of all cameras at some moments, and their matches."""
 
     def __init__(self, cameras: list[Camera], frames: np.ndarray) -> None:
         self.cameras = list(cameras)
@@ -279,9 +269,7 @@ class _PoseCheck:
 def inspect_poses(cameras: list[Camera], frames: np.ndarray) -> PoseFindings:
     """Find cameras with wrong poses, and correct them. The worst one comes first; then all others are estimated again.
 
-    Args:
-        cameras: The cameras.
-        frames: Images [T, C, H, W, 3] uint8 of several moments, so that a moving thing is not taken for a moving camera.
+    `frames` [T, C, H, W, 3] are of several moments, so that a moving thing is not taken for a moving camera.
     """
     check, corrected = _PoseCheck(cameras, frames), set[int]()
     if meant := recognize_convention(
@@ -376,13 +364,7 @@ CONVENTIONS: dict[str, Callable[[list[Camera]], list[Camera]]] = {
 
 
 def recognize_convention(cameras: list[Camera], features: list[Features], matches: Matches) -> str | None:
-    """Return the name of the convention that the poses follow, if the features fit it and do not fit the required one.
-
-    Args:
-        cameras: Cameras at the given poses.
-        features: Their features at one moment.
-        matches: Matches of nearest cameras at the given poses.
-    """
+    """Return the name of the convention that the poses follow, if the features fit it and do not fit the required one."""
     said, _ = share_of_fitting(cameras, features, matches)
     if said > FITS:
         return None

@@ -23,16 +23,7 @@ moment."""
 
 
 class Adam:
-    """Adam optimizer of one array.
-
-    Attributes:
-        parameter: Array [R, ...] float32 that is trained.
-        mean: First moment of its gradient.
-        square: Second moment of its gradient.
-        rate: Learning rate.
-        eps: Least root of the second moment.
-        steps: Number of steps taken.
-    """
+    """Adam optimizer of one array `parameter` [R, ...] float32, with the moments `mean` and `square` of its gradient."""
 
     def __init__(self, parameter: np.ndarray, rate: float, eps: float) -> None:
         self.rate = rate
@@ -106,11 +97,9 @@ class KnotAdam(Adam):
         super().rewrite(of_parameter, of_moment)
 
     def at(self, moments: Sequence[Moment], end: int | None = None) -> kernel.Step | None:
-        """Return the step for the gradients [rows, D] of some moments; None without moments.
+        """Return the step for gradients [rows, D] of some moments, with their knots; None without any.
 
-        Args:
-            moments: Gradients and the knots they belong to.
-            end: First knot that is not changed; None changes all.
+        Knots from `end` on do not change.
         """
         if not moments:
             return None

@@ -34,11 +34,7 @@ Importance = tuple[np.ndarray | None, np.ndarray | None]
 def group_importance(reel: ReelHeader, config: EncodeConfig, static: Gaussians, group: Group) -> Importance:
     """Measure the importance of a group's points over its frames.
 
-    Args:
-        reel: Header of the reel.
-        config: Settings of the encoder.
-        static: All static points that `group.alive` refers to. Those that are not alive have importance 0.
-        group: The group.
+    `static` are all points that `group.alive` refers to; those that are not alive have importance 0.
     """
     if config.codec == "h265" and not (config.h265.weighted_codebook and config.sh_entries):
         return None, None
@@ -59,16 +55,10 @@ def weigh(
 ) -> np.ndarray:
     """Return the importance [N, 3] float32 of points: of their shape (log scales), color and position (world units).
 
-    Importance is the root of the summed squared derivatives of all pixels. Hutchinson's estimator gives it: the gradient of an
-    image weighted by random signs has that sum as its expected square. Large images are drawn smaller and weighted by their
-    size.
-
-    Args:
-        moments: The same N points at several moments.
-        cameras: Cameras to draw.
-        near: Near plane, world units.
-        antialias: See `View`.
-        views: Maximum number of cameras drawn per moment.
+    Importance is the root of the summed squared derivatives of all pixels. Hutchinson's estimator gives it: the
+    gradient of an image weighted by random signs has that sum as its expected square. Large images are drawn smaller
+    and weighted by their size. `moments` are the same points at several times; at most `views` cameras are drawn at
+    each.
     """
     rng = np.random.default_rng(0)
     squares: np.ndarray | float = 0.0
@@ -124,7 +114,6 @@ class Coding:
     """Encoder of a reel, and the properties of the run that decide how many bits points get.
 
     Attributes:
-        encoder: Encoder of layers and groups.
         header: Header of the reel, whose cameras measure the importance of points.
         trial: Result of the trial that left a camera out; None if there was no trial.
     """
@@ -139,8 +128,6 @@ class CompressedLayer:
     """The static points that a group adds, in the order of the reel.
 
     Attributes:
-        group: Number of the group.
-        first_frame: First frame of the group.
         trained: Points [N] as trained.
         decoded: The same points as the reel holds them.
         importance: [N, 3], see `ReelEncoder.layer`.
@@ -176,7 +163,6 @@ class CompressedGroup:
     """A finished group.
 
     Attributes:
-        group: The group as trained.
         importance: [N, 3] of its dynamic points; None where the codec does not use it.
         steps: Quantization steps at a coarseness of 1.
         files: Files by URI, the best rendition first.
@@ -191,15 +177,7 @@ class CompressedGroup:
 def compress_layer(
     data: GroupInput, points: Gaussians, moving: Gaussians, static: Gaussians, coding: Coding
 ) -> CompressedLayer:
-    """Encode new static points as a layer, and decode them again.
-
-    Args:
-        data: Training views of the group.
-        points: N new static points.
-        moving: Dynamic and relit points at the keyframe.
-        static: Static points of older layers.
-        coding: Encoder of the reel.
-    """
+    """Encode new static points as a layer, and decode them again. `moving`: dynamic and relit points at the keyframe."""
     count = len(points)
     seen = Gaussians.concatenate([points, moving, static])
     importance = weigh([seen], data.cameras, data.near, data.antialias)[:count]
@@ -209,14 +187,7 @@ def compress_layer(
 
 
 def compress_group(data: GroupInput, group: Group, static: StaticPoints, coding: Coding) -> CompressedGroup:
-    """Encode a finished group, with quantization steps chosen by its images.
-
-    Args:
-        data: Training views of the group.
-        group: The group.
-        static: Static points that it shows.
-        coding: Encoder of the reel.
-    """
+    """Encode a finished group, with quantization steps chosen by its images."""
     encoder = coding.encoder
     importance = group_importance(coding.header, encoder.config, static.points, group)[0]
     files, steps = encode_group_by_slope(encoder, data, group, static, importance, coding.trial)

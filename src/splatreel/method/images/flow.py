@@ -54,13 +54,10 @@ class Flow(Protocol):
     def __call__(
         self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None, wanted: np.ndarray | None = None
     ) -> np.ndarray:
-        """Return the flow [H, W, 2] float32 from frame a to frame b, x and y in pixels.
+        """Return the flow [H, W, 2] float32 from frame a to frame b [H, W, 3] uint8, x and y in pixels.
 
-        Args:
-            a: [H, W, 3] uint8 sRGB.
-            b: [H, W, 3] uint8 sRGB.
-            guess: [H, W, 2] likely flow. A coarse-to-fine search misses small, fast content without it.
-            wanted: [H, W] bool, pixels whose flow is needed. The result elsewhere is finite but arbitrary.
+        `guess` [H, W, 2] is likely flow; without it a coarse-to-fine search misses small, fast content. Only pixels of
+        `wanted` [H, W] are needed: the result elsewhere is finite but arbitrary.
         """
         ...
 
@@ -193,17 +190,7 @@ class RaftFlow:
     def __init__(
         self, weights: Path | None = None, device: str | None = None, updates: int = 20, model: Any = None
     ) -> None:
-        """Load the network. Nothing is downloaded.
-
-        Args:
-            weights: Path of a state dict; None uses SPLATREEL_RAFT_WEIGHTS or torch's download cache.
-            device: Device; by default CUDA if there is any.
-            updates: Iterations of the network.
-            model: Network to use instead of raft_large.
-
-        Raises:
-            MissingDependencyError: If torchvision or the weights are missing.
-        """
+        """Load the network. Nothing is downloaded. `weights`: a state dict; None uses SPLATREEL_RAFT_WEIGHTS or torch's cache."""
         model = model if model is not None else _load_raft(weights)
         import torch
 

@@ -43,13 +43,7 @@ FREE_SPACE = 0.1
 
 @dataclass(frozen=True)
 class InitialPoints:
-    """Initial points of a scene.
-
-    Attributes:
-        points: [P, 3] float32 world.
-        colors: [P, 3] float32 0..1.
-        source: 'capture', 'triangulated' or 'random', then '+swept'.
-    """
+    """Initial points [P, 3] of a scene, their colors [P, 3] 0..1, and their source: capture, triangulated or random, then +swept."""
 
     points: np.ndarray
     colors: np.ndarray
@@ -83,14 +77,8 @@ def initial_points(
 ) -> InitialPoints:
     """Find the points from which reconstruction starts.
 
-    Args:
-        cameras: Training cameras.
-        images: [C, H, W, 3] uint8, first frame of the training cameras.
-        points: [P, 3] sparse points of the capture; None triangulates them.
-        point_colors: [P, 3] 0..1, colors of `points`.
-        near: Minimum distance of content from a camera, world units.
-        seed: Seed of all random choices.
-        within: Volume that all points are in; None is all of space.
+    `points` are the capture's sparse points [P, 3] with colors [P, 3] 0..1; None triangulates them. `near` is the
+    minimum distance of content from a camera, `within` the volume that all points are in.
 
     Raises:
         ReconstructionError: If images and cameras do not match, points are not finite, or none is in the volume.
@@ -183,7 +171,6 @@ def _check(cameras: list[Camera], images: np.ndarray, points: np.ndarray | None)
 
 
 def _within(cloud: _Cloud, volume: Volume | None) -> _Cloud:
-    """Return the points of a cloud that are in a volume."""
     return cloud if volume is None else cloud[volume.contains(cloud.points)]
 
 
@@ -319,12 +306,7 @@ def close_surface(
 ) -> InitialPoints:
     """Return the first points within the carved hull, and a point in each cell of its surface.
 
-    Args:
-        first: First points, which are near all parts of the subject.
-        cameras: Training cameras.
-        images: [C, H, W, 3] uint8 of the first frame, without backgrounds.
-        hull: Hull of the subject.
-        unit: Typical viewing distance, world units.
+    `hull` is the visual hull of the subject. `images` [C, H, W, 3] lack their backgrounds.
     """
     points = first.points.astype(np.float64)
     grid = _Grid.around(points, CELL * unit / np.median([SWEEP_WIDTH / c.width * c.K[0, 0] for c in cameras]))

@@ -39,10 +39,7 @@ class Layout:
     Attributes:
         near: Near plane, world units.
         unit: Typical viewing distance, world units.
-        up: [3] unit vector.
-        bounds: Low and high corner of the scene.
         clearance: Space in front of a viewer in which no static point is drawn.
-        background: Color behind all points, 0..1.
         backgrounds: Color behind the subject in the images of each camera, for a capture with masks. It does not change with the
             camera's color gain.
         region: Volume that the reel holds, as users write it; empty for everything.
@@ -83,13 +80,7 @@ class Layout:
 
     @staticmethod
     def from_dict(value: dict[str, Any]) -> Layout:
-        """Parse the result of `to_dict`.
-
-        Raises:
-            KeyError: If a field is missing.
-            TypeError: If a field has another type.
-            ValueError: If a field has another shape.
-        """
+        """Parse the result of `to_dict`. Other values raise a KeyError, TypeError or ValueError."""
         numbers(value["up"], 3)
         numbers(value["bounds"], 2, 3)
         if not (is_number(value["near"]) and is_number(value["unit"]) and isinstance(value.get("region", ""), str)):
@@ -108,19 +99,13 @@ def _color(value: Any) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class _VolumeRig:
-    """See `VolumeRig`."""
-
     up: np.ndarray
     cameras: Sequence[Camera]
     near: float
 
 
 def check_region(text: str, cameras: Sequence[Camera]) -> None:
-    """Check the text of a region.
-
-    Raises:
-        UsageError: It is not a volume.
-    """
+    """Raise a `UsageError` if the text of a region is not a volume."""
     if text:
         parse_volume("region", text, _VolumeRig(upright(cameras), cameras, 0.0))
 
@@ -211,14 +196,9 @@ MIN_FLOOR_POINTS = 100
 def limits(cameras: Sequence[Camera], points: np.ndarray, layout: Layout, most: float | None = None) -> Limits | None:
     """Return the limits of viewpoints for cameras around a subject; None for cameras that do not look at a common focus.
 
-    Views between neighboring cameras hold, and about as far beyond the outer ones. The angle follows from the steps of the
-    shortest path through all cameras. The floor lies below nearly all points around the focus and below every camera.
-
-    Args:
-        cameras: Training cameras.
-        points: [P, 3] initial points.
-        layout: Measures of the scene, with the focus.
-        most: Maximum angle, degrees, if a trial showed that views do not hold (`method/prediction/trial.py`); None means no maximum.
+    Views between neighboring cameras hold, and about as far beyond the outer ones. The angle follows from the steps of
+    the shortest path through all cameras. The floor lies below nearly all points around the focus and below every
+    camera. `most` limits the angle, degrees, if a trial showed that views do not hold (`method/prediction/trial.py`).
     """
     focus, up = np.array(layout.clearance.focus), np.array(layout.up)
     centers = np.stack([camera.center for camera in cameras]).astype(np.float64)
@@ -248,15 +228,7 @@ def _angle(directions: np.ndarray) -> float:
 
 
 def _floor(points: np.ndarray, cameras: np.ndarray, focus: np.ndarray, up: np.ndarray, radius: float) -> float | None:
-    """Return the height of the floor along `up`; None for too few points.
-
-    Args:
-        points: [P, 3] initial points.
-        cameras: [C] heights of the cameras.
-        focus: [3] center of the subject.
-        up: [3] up direction.
-        radius: Radius of the subject around the focus, world units.
-    """
+    """Return the height of the floor along `up`, below all cameras; None for too few points within a radius of the focus."""
     around = points[np.linalg.norm(points - focus, axis=1) < radius]
     if len(around) < MIN_FLOOR_POINTS:
         return None

@@ -71,17 +71,9 @@ def line_distances(lines: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 
 def match(camera_a: Camera, camera_b: Camera, a: Features, b: Features, reach: float | np.ndarray) -> np.ndarray:
-    """Return mutual best matches near the epipolar lines that pass the ratio test.
+    """Return mutual best matches [M, 2] near the epipolar lines that pass the ratio test, as indices into a and b.
 
-    Args:
-        camera_a: First camera.
-        camera_b: Second camera.
-        a: Features of the first image.
-        b: Features of the second image.
-        reach: Maximum distance from the line, pixels, for all pairs or for each pair [A, B].
-
-    Returns:
-        [M, 2] int indices into a and b.
+    `reach` is the maximum distance from the line, pixels, for all pairs or for each pair [A, B].
     """
     if len(a.pixels) == 0 or len(b.pixels) == 0:
         return np.zeros((0, 2), np.int64)
@@ -126,11 +118,6 @@ def triangulate(cameras: list[Camera], images: np.ndarray, neighbors: int = 8) -
     """Match SIFT features between neighboring cameras and triangulate the ones that at least three cameras agree on.
 
     Images without texture give no points; that is not an error.
-
-    Args:
-        cameras: All cameras.
-        images: [C, H, W, 3] uint8.
-        neighbors: Number of neighbors that each camera is matched with.
     """
     features = [detect(image) for image in images]
     first = np.cumsum([0] + [len(f.pixels) for f in features])
@@ -185,13 +172,6 @@ def _solve_stars(
 
     A feature and its direct matches form a star. Longer chains (connected components) would merge most of an image into one
     track through a few false matches. Every edge of a star proposes a point; the point with the most votes of other edges wins.
-
-    Args:
-        cameras: All cameras.
-        edges: [E, 2] int feature indices, both directions.
-        camera: [F] int, camera of each feature.
-        pixels: [F, 2] features.
-        colors: [F, 3] uint8.
     """
     edges = edges[np.argsort(edges[:, 0], kind="stable")]
     projections = np.stack([c.K.astype(np.float64) @ c.viewmat[:3].astype(np.float64) for c in cameras])
@@ -227,16 +207,7 @@ def _refine(
     pixels: np.ndarray,
     colors: np.ndarray,
 ) -> Tracks:
-    """Triangulate points from all their observations, and drop points that do not fit or are seen from one direction only.
-
-    Args:
-        cameras: All cameras.
-        projections: [C, 3, 4] projection matrices.
-        point: [O] int, point of every observation.
-        camera: [O] int, camera of every observation.
-        pixels: [O, 2] observations.
-        colors: [O, 3] uint8.
-    """
+    """Triangulate points from all their observations, and drop points that do not fit or are seen from one direction only."""
     count = int(point.max(initial=-1)) + 1
     points = intersect(projections[camera], pixels, point, count)
     fits = reprojection_errors(projections, points[point], camera, pixels) < REPROJECTION_PIXELS
@@ -252,28 +223,14 @@ def _refine(
 def reprojection_errors(
     projections: np.ndarray, points: np.ndarray, camera: np.ndarray, pixels: np.ndarray
 ) -> np.ndarray:
-    """Return reprojection errors [O], pixels; infinite behind the camera.
-
-    Args:
-        projections: [C, 3, 4] projection matrices.
-        points: [O, 3] world.
-        camera: [O] int.
-        pixels: [O, 2] observations.
-    """
+    """Return reprojection errors [O], pixels; infinite behind the camera."""
     seen = np.einsum("oij,oj->oi", projections[camera, :, :3], points) + projections[camera, :, 3]
     depth = np.where(seen[:, 2] > 1e-9, seen[:, 2], np.nan)
     return np.nan_to_num(np.linalg.norm(seen[:, :2] / depth[:, None] - pixels, axis=1), nan=np.inf)
 
 
 def intersect(projections: np.ndarray, pixels: np.ndarray, track: np.ndarray, count: int) -> np.ndarray:
-    """Triangulate `count` points linearly; [count, 3].
-
-    Args:
-        projections: [O, 3, 4] projection matrix of every observation.
-        pixels: [O, 2] observations.
-        track: [O] int, point of every observation.
-        count: Number of points.
-    """
+    """Triangulate `count` points [count, 3] linearly. Observation o of point track[o] has projections[o] [3, 4] and pixels[o] [2]."""
     rows = pixels[:, :, None] * projections[:, 2:3] - projections[:, :2]
     rows /= np.maximum(np.linalg.norm(rows[..., :3], axis=-1, keepdims=True), 1e-12)
     normal = np.zeros((count, 4, 4))

@@ -69,7 +69,6 @@ class Layers:
     Attributes:
         alive: [S] bool, static points that stay static.
         new_static: Dynamic points that become static.
-        dynamic: Points that move during the group.
         relit: Points without motion whose light changes. They belong to the group, but are not tracked.
     """
 
@@ -80,14 +79,7 @@ class Layers:
 
 
 def find_layers(data: GroupInput, dynamic: Gaussians, static: StaticPoints, config: LayeringConfig) -> Layers:
-    """Separate the points at a keyframe into static, dynamic and relit ones.
-
-    Args:
-        data: Training views of the group.
-        dynamic: Points that are not static so far.
-        static: Static points.
-        config: Layering settings.
-    """
+    """Separate the points at a keyframe into static, dynamic and relit ones."""
     data, points = data.smaller(), Gaussians.concatenate([dynamic, static.living])
     moves = label_points(data, points, config)
     if data.span.index:
@@ -99,13 +91,7 @@ def find_layers(data: GroupInput, dynamic: Gaussians, static: StaticPoints, conf
 
 
 def label_points(data: GroupInput, points: Gaussians, config: LayeringConfig) -> np.ndarray:
-    """Return [N] bool, the points that move during a group.
-
-    Args:
-        data: Training views of the group.
-        points: N points at the keyframe.
-        config: Layering settings.
-    """
+    """Return [N] bool, the points that move during a group."""
     if not config.enabled:
         return np.ones(len(points), bool)
     if data.span.count < 2 or len(points) == 0:
@@ -124,11 +110,6 @@ def near_cameras(points: np.ndarray, cameras: list[Camera], clearance: Clearance
     """Return [N] bool, the points that a camera sees but that clearance would hide from it if they were static.
 
     Points this close to a camera stay dynamic, so that they are drawn.
-
-    Args:
-        points: [N, 3] positions.
-        cameras: Training cameras.
-        clearance: Depth in front of a viewer within which no static point is drawn.
     """
     found = np.zeros(len(points), bool)
     for camera in cameras:
@@ -139,13 +120,8 @@ def near_cameras(points: np.ndarray, cameras: list[Camera], clearance: Clearance
 def convertible(data: GroupInput, static: StaticPoints, least: float) -> np.ndarray:
     """Return [S] bool, the static points that adaptive conversion may make dynamic.
 
-    A point that no camera sees may be converted, since it can be hidden at the keyframe.
-
-    Args:
-        data: Training views of the group.
-        static: Static points.
-        least: Minimum share of a point's contribution that must lie in pixels that change during the group; 0 allows all
-            points.
+    A point that no camera sees may be converted, since it can be hidden at the keyframe. `least` is the minimum share
+    of its contribution in pixels that change; 0 allows all points.
     """
     if not least:
         return static.alive
@@ -155,14 +131,7 @@ def convertible(data: GroupInput, static: StaticPoints, least: float) -> np.ndar
 
 
 def separate(static: StaticPoints, dynamic: Gaussians, moves: np.ndarray, light: np.ndarray) -> Layers:
-    """Sort dynamic and living static points by their labels.
-
-    Args:
-        static: Static points, A of them living.
-        dynamic: D dynamic points.
-        moves: [D + A] bool, for the dynamic and then the living static points.
-        light: [T, D + A] change of light as in `RelitPoints`; 0 means no change.
-    """
+    """Sort dynamic and living static points by `moves` [D + A] bool and their change of light [T, D + A], 0 for none."""
     points = Gaussians.concatenate([dynamic, static.living])
     relit = ~moves & light.any(0)
     unmoved = ~moves & ~relit
@@ -199,12 +168,6 @@ def changes_of_light(points: Gaussians, cameras: list[Camera], frames: np.ndarra
     """Return the logarithm [T, N] float32 of the brightness of static points, relative to the keyframe; 0 for no change.
 
     Points are 0 in all frames if the views disagree, or if they change like most of an image.
-
-    Args:
-        points: N points.
-        cameras: All cameras.
-        frames: [T, C, H, W, 3] uint8, the keyframe first.
-        near: Near plane, world units.
     """
     found = np.zeros((len(frames), len(points)), np.float32)
     if len(frames) <= MIN_FRAMES or len(points) == 0:

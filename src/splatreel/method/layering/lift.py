@@ -42,13 +42,6 @@ def lift(
 ) -> np.ndarray:
     """Return a motion label per point, [N] float32: 0 is static or unseen, 1 dynamic. `labels.DYNAMIC_LABEL` is between.
 
-    Args:
-        points: N points.
-        cameras: All cameras.
-        masks: [C, H, W] bool, of the cameras' size.
-        near: Near plane, world units.
-        config: Layering settings.
-
     Raises:
         ReconstructionError: If masks and cameras do not match.
     """
@@ -66,14 +59,7 @@ def lift(
 
 
 def shares(points: Gaussians, cameras: list[Camera], masks: np.ndarray, near: float) -> np.ndarray:
-    """Return the share of each point's contribution that lies in masks, [N] float32 0..1; NaN where no camera sees the point.
-
-    Args:
-        points: N points.
-        cameras: All cameras.
-        masks: [C, H, W] bool.
-        near: Near plane, world units.
-    """
+    """Return the share of each point's contribution that lies in masks, [N] float32 0..1; NaN where no camera sees the point."""
     if len(points) == 0:
         return np.zeros(0, np.float32)
     weights = _contributions(points, cameras, masks, near)
@@ -81,14 +67,7 @@ def shares(points: Gaussians, cameras: list[Camera], masks: np.ndarray, near: fl
 
 
 def gather_images(points: Gaussians, camera: Camera, images: np.ndarray, near: float) -> np.ndarray:
-    """Return the sum of images [H, W, K] over the pixels of each point, [N, K], weighted by the point's share of every pixel.
-
-    Args:
-        points: N points.
-        camera: Camera of the images.
-        images: [H, W, K] float32.
-        near: Near plane, world units.
-    """
+    """Return the sum of images [H, W, K] over the pixels of each point, [N, K], weighted by the point's share of every pixel."""
     return splat.gather(_project(points, camera, near), points.opacities, images)
 
 

@@ -31,12 +31,7 @@ class Segmenter(Protocol):
     """Completion of motion masks to whole objects."""
 
     def complete(self, masks: np.ndarray, images: np.ndarray) -> np.ndarray:
-        """Return completed masks [C, H, W] bool.
-
-        Args:
-            masks: [C, H, W] bool.
-            images: [C, H, W, 3] uint8.
-        """
+        """Return completed masks [C, H, W] bool of images [C, H, W, 3] uint8."""
         ...
 
 
@@ -63,11 +58,6 @@ def motion_masks(frames: np.ndarray, flow: Flow, config: LayeringConfig) -> np.n
     something passes in front of does neither. Content that is too fast for its flow to return has left in most frames. With one
     selected frame this is the paper's rule. Content that appears later has no pixel at the keyframe; adaptive conversion
     handles it.
-
-    Args:
-        frames: [T, C, H, W, 3] uint8, the keyframe first.
-        flow: Optical flow.
-        config: Layering settings.
     """
     count, cameras, height, width = frames.shape[:4]
     halvings = max(int(math.log2(width / FLOW_WIDTH)), 0)
@@ -134,13 +124,7 @@ class GrabCutSegmenter:
     """
 
     def __init__(self, reach: float = 0.03, iterations: int = 2, width: int = 480) -> None:
-        """Create a segmenter.
-
-        Args:
-            reach: Maximum growth of a mask, as a share of the image width.
-            iterations: Iterations of GrabCut.
-            width: Maximum width at which GrabCut runs, pixels.
-        """
+        """Limit the growth of masks to `reach` of the image width. GrabCut runs at up to `width` pixels."""
         self.reach = reach
         self.iterations = iterations
         self.width = width

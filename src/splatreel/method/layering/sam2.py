@@ -46,19 +46,10 @@ class Sam2Segmenter:
         seed: int = 0,
         predictor: Any = None,
     ) -> None:
-        """Load the network. Nothing is downloaded.
+        """Load the network. Nothing is downloaded. `weights` fit `config`; None uses SPLATREEL_SAM2_WEIGHTS or torch's cache.
 
-        Args:
-            weights: Checkpoint of SAM2 that fits `config`; None uses SPLATREEL_SAM2_WEIGHTS or torch's download cache.
-            config: Configuration of SAM2.
-            device: Device; by default CUDA if there is any.
-            objects: Maximum number of objects. Each part of a mask is an object.
-            points: Maximum number of prompts per object.
-            seed: Seed of the choice of prompts.
-            predictor: Video predictor to use instead.
-
-        Raises:
-            MissingDependencyError: If the package or the weights are missing, or the weights do not fit the configuration.
+        Each part of a mask is an object; at most `objects` get up to `points` prompts. Missing packages or weights, or
+        weights of another configuration, raise a `MissingDependencyError`.
         """
         self.predictor = predictor if predictor is not None else _load_predictor(weights, config, device)
         self.objects = objects
@@ -109,12 +100,6 @@ def object_prompts(mask: np.ndarray, objects: int, points: int, seed: int) -> li
     """Return prompts inside the largest connected parts of a mask: one array [P, 2] float32 of pixels (x, y) per part.
 
     The first prompt is farthest from the part's border, where it is least ambiguous; the others are random.
-
-    Args:
-        mask: [H, W] bool.
-        objects: Maximum number of parts.
-        points: Maximum number of prompts per part.
-        seed: Seed of the random prompts.
     """
     rng = np.random.default_rng(seed)
     count, parts, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))

@@ -61,9 +61,7 @@ GAIN_OF_DOUBLING = 0.6
 def expected_gain(names: list[str], angles: Sequence[float] | np.ndarray) -> str:
     """Return sentences that say how many cameras more would bring how much to a subject.
 
-    Args:
-        names: Names of the training cameras.
-        angles: Degrees from each camera to the nearest other one.
+    `angles`: degrees to the nearest other camera.
     """
     count, more = len(names), max(1, len(names) // 3)
     gain = GAIN_OF_DOUBLING * float(np.log2((count + more) / count))
@@ -79,11 +77,9 @@ class Coverage:
     """Coverage of the scene by the training cameras.
 
     Attributes:
-        names: Names of the cameras.
         angles: Degrees from each camera to the nearest other one, seen from the middle of the scene.
         shared: For each camera, the number of its points that at least two other cameras show.
         points: Number of points that at least three cameras show.
-        trial: Result of the trial that left a camera out; None without a trial.
         twins: Pairs of names of cameras that have the same pose.
         pairs: Number of points in common of each two cameras, [C, C] int; None if a run's record gave the coverage.
         subject: True if the trial is about a subject that masks show.
@@ -179,11 +175,7 @@ class Coverage:
 
     @staticmethod
     def from_dict(value: dict[str, Any]) -> Coverage:
-        """Return the coverage from plain data.
-
-        Raises:
-            Exception: AttributeError, KeyError, TypeError or ValueError for other data.
-        """
+        """Return the coverage from plain data. Other data raise an AttributeError, KeyError, TypeError or ValueError."""
         plain = dict(value)
         trial = plain.pop("trial", None)
         names = plain["names"]
@@ -217,15 +209,8 @@ def cover(
 ) -> Coverage:
     """Measure how well cameras cover what they show at one moment.
 
-    Args:
-        cameras: Training cameras.
-        images: Their images [C, H, W, 3] uint8.
-        points: Sparse points [P, 3] of the capture, if it has any.
-        point_colors: Their colors [P, 3] 0..1.
-        near: Near plane of the capture, if it has one.
-        with_trial: Leave a camera out and predict its view.
-        progress: Display of the progress.
-        alpha: Opacity [M, C, H, W] uint8 of the subject at that moment and at others; None for the whole scene.
+    `points` are the capture's sparse points, if any. `with_trial` leaves a camera out and predicts its view. `alpha`
+    [M, C, H, W] is the subject's opacity at that moment and at others; None for the whole scene.
     """
     small = [narrow_camera(camera, WIDTH) for camera in cameras]
     progress.stage("matching points that several cameras show", len(cameras))
@@ -288,12 +273,7 @@ def _twins(cameras: list[Camera], distance: float) -> list[list[str]]:
 
 @dataclass(frozen=True)
 class CaptureVerdict:
-    """The conclusion about a capture.
-
-    Attributes:
-        faults: Faults to correct before reconstructing; empty if there are none.
-        expected: Expected quality of novel views.
-    """
+    """Faults of a capture to correct before reconstructing, and the expected quality of novel views."""
 
     faults: list[str]
     expected: str = ""
@@ -392,7 +372,6 @@ class _WrongPoses:
     Attributes:
         text: The end of a sentence that says what is wrong.
         changed: Numbers of the cameras whose poses differ.
-        cameras: C cameras.
         order: For each camera, the number of its masks.
     """
 
@@ -403,14 +382,7 @@ class _WrongPoses:
 
 
 class Silhouettes:
-    """Masks of a subject, whose fit to each other is measured at the given poses and at wrong ones.
-
-    Args:
-        cameras: C cameras.
-        masks: [M, C, H, W] uint8, opacity of the subject at M moments.
-        focus: [3] world, middle of the scene.
-        near: Smallest depth, world units.
-    """
+    """Masks [M, C, H, W] of a subject at M moments, whose fit to each other is measured at the given poses and at wrong ones."""
 
     def __init__(self, cameras: Sequence[Camera], masks: np.ndarray, focus: np.ndarray, near: float) -> None:
         self._cameras = list(cameras)

@@ -27,24 +27,12 @@ NEIGHBORS = 16
 
 
 class PointTracks:
-    """Positions of points at the frames passed so far.
-
-    Attributes:
-        points: The points at frame `start`.
-        start: Frame at which the points are in place.
-    """
+    """Positions of points at the frames passed so far, from frame `start` on."""
 
     def __init__(
         self, points: Gaussians, start: int, motion: np.ndarray | None = None, *, static_before: bool = False
     ) -> None:
-        """Start tracks.
-
-        Args:
-            points: The points at frame `start`.
-            start: Frame at which the points are in place.
-            motion: [N, 3] approximate motion at `start`, world units per frame; None if unknown.
-            static_before: The points had the same positions at all earlier frames.
-        """
+        """Start tracks. `motion` [N, 3], per frame, is approximate. `static_before`: the points rested at all earlier frames."""
         self.points = points
         self.start = start
         self.neighbors = _neighbors(points.means)
@@ -85,15 +73,7 @@ class Tracker:
     """
 
     def __init__(self, static: Gaussians, cameras: list[Camera], frames: np.ndarray, flow: Flow, near: float) -> None:
-        """Prepare tracking.
-
-        Args:
-            static: Points that may occlude tracked points.
-            cameras: Training cameras.
-            frames: [T, C, H, W, 3] uint8.
-            flow: Optical flow.
-            near: Near plane, world units.
-        """
+        """Prepare tracking. `static` points may occlude tracked points."""
         self.cameras = cameras
         self.frames = frames
         self.flow = flow
@@ -242,12 +222,6 @@ class RigidPatches:
     """Patches of points."""
 
     def __init__(self, points: np.ndarray, views: Views) -> None:
-        """Form patches and sample their colors.
-
-        Args:
-            points: [N, 3] positions.
-            views: Views of a moment at which the points have these positions.
-        """
         self.colors = rigid.sample_colors(points, views)[1]
         self.trusted = np.zeros(len(points), np.bool_)  # the flow of the last step matched the colors
         self.patches = np.zeros((0, PATCH_POINTS), np.int64)
@@ -259,12 +233,8 @@ class RigidPatches:
     def motion(self, here: np.ndarray, last: np.ndarray, flow: np.ndarray, now: Views, then: Views) -> np.ndarray:
         """Return the motion [N, 3] of the points: the flow, or a rigid motion of a patch where that fits the images clearly better.
 
-        Args:
-            here: [N, 3] positions now.
-            last: [N, 3] positions at the previous frame.
-            flow: [N, 3] motion by optical flow.
-            now: Views at this frame, with depths of everything visible.
-            then: Views at the next frame, with depths of the points known to be there.
+        `last` are the positions at the previous frame. `now` has the depths of everything visible, `then` those of
+        points known to be there.
         """
         if not len(self.patches):
             return flow
@@ -294,13 +264,7 @@ class RigidPatches:
     ) -> np.ndarray:
         """Return the motion [N, 3] of the best patch of every point.
 
-        Args:
-            here: [N, 3] positions now.
-            flow: [N, 3] motion by optical flow.
-            least: [N] smallest color difference of a patch of each point under flow. Changed in place.
-            better: Patches whose rigid motion is better than flow.
-            moves: Rigid motions of the patches.
-            found: Color differences of the rigid motions.
+        `least` [N], the smallest color difference under flow, is changed.
         """
         motion = flow.copy()
         for patch in better:

@@ -35,11 +35,7 @@ G = TypeVar("G")
 
 
 class CpuProgram(ABC, Generic[D, G]):
-    """Program on the CPU, see `Program`. The state is that of the host. D: a draw. G: all gradients of a draw.
-
-    Attributes:
-        images: Images in use.
-    """
+    """Program on the CPU, see `Program`. The state is that of the host. D: a draw. G: all gradients of a draw."""
 
     def __init__(self, images: TrainingImages, losses: Terms, config: GroupConfig | KeyframeConfig) -> None:
         self.images = images
@@ -102,11 +98,7 @@ class CpuProgram(ABC, Generic[D, G]):
 
 
 def check_loss(loss: float, splats: Sequence[np.ndarray]) -> None:
-    """Check a loss, and the values of splats that get gradients.
-
-    Raises:
-        GaussiansError: One is NaN or infinite.
-    """
+    """Raise a `GaussiansError` if a loss, or a value of splats that get gradients, is NaN or infinite."""
     if not math.isfinite(loss + float(sum(part.sum() for part in splats))):
         raise GaussiansError(f"the training error is {loss}, or a splat is not finite")
 
@@ -114,10 +106,7 @@ def check_loss(loss: float, splats: Sequence[np.ndarray]) -> None:
 def splat_gradients(compared: Compared, seen: Iteration, due: Due) -> list[np.ndarray]:
     """Return the gradients to means2d, conics, colors and opacities of `seen.splats`, of the image and of its depths.
 
-    Args:
-        compared: Gradients of the image, of these splats and perhaps of others after them.
-        seen: The iteration.
-        due: Terms that run in it.
+    `compared` has gradients of these splats, and perhaps of others after them.
     """
     found = [part[: len(seen.splats.means2d)] for part in compared.splats]
     for term, weight in due:
@@ -141,12 +130,7 @@ class _GroupGradients(NamedTuple):
 
 
 class CpuGroupProgram(CpuProgram[Draw, _GroupGradients]):
-    """Program of a group, see `Program`.
-
-    Attributes:
-        neighbors: Nearest neighbors; None for fewer than two points.
-        learns_time: Slopes of the time offsets are measured.
-    """
+    """Program of a group, see `GroupProgram`."""
 
     def __init__(self, state: GroupState) -> None:
         super().__init__(state.images, state.losses, state.config)
@@ -386,7 +370,6 @@ class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _KeyframeGradients]):
 
 
 def _lerp(mean: np.ndarray, array: np.ndarray, weight: float) -> None:
-    """Move a mean towards an array, in place."""
     step = array - mean
     if weight < 0.5:
         mean += np.float32(weight) * step

@@ -45,13 +45,9 @@ class GradientMeter:
         self.sum, self.seen = np.zeros((2, count), np.float32)
 
     def add(self, grad: np.ndarray, width: int, height: int, index: np.ndarray | None = None) -> None:
-        """Add the gradients of one view.
+        """Add the gradients [M, 2] dL/d(pixels) of one view.
 
-        Args:
-            grad: [M, 2] dL/d(pixels).
-            width: Image width, pixels.
-            height: Image height, pixels.
-            index: [M] different points that the rows of `grad` belong to; None means all points.
+        `index` [M]: different points that the rows belong to; None is all points.
         """
         length = np.hypot(grad[:, 0] * (width / 2), grad[:, 1] * (height / 2))
         rows = slice(None) if index is None else index
@@ -75,13 +71,7 @@ def select_growth(meter: GradientMeter, threshold: float, budget: int) -> np.nda
 
 
 def too_large(scales: np.ndarray, distances: np.ndarray, unit: float) -> np.ndarray:
-    """Return the mask [N] of points that are too large for their distance.
-
-    Args:
-        scales: [N, 3] standard deviations, world units.
-        distances: [N], see `relative_distances`.
-        unit: Typical viewing distance, world units.
-    """
+    """Return the mask [N] of points that are too large for their distance."""
     return scales.max(1) > LARGEST_SCALE * unit * distances
 
 
@@ -93,24 +83,12 @@ SPLIT_FROM = 0.01
 
 
 class KeyframeDensity:
-    """Density control of a keyframe. It changes the rows of `points`.
-
-    Attributes:
-        distances: [N], see `relative_distances`; ones before `restart` was called.
-    """
+    """Density control of a keyframe. It changes the rows of `points`."""
 
     def __init__(
         self, points: TrainablePoints, config: KeyframeConfig, max_points: int, seed: int, region: Volume | None = None
     ) -> None:
-        """Create the density control of a keyframe.
-
-        Args:
-            points: Points whose rows are changed.
-            config: Keyframe settings.
-            max_points: Maximum number of points.
-            seed: Seed of the positions of split points.
-            region: Volume in which points are densified; None is everywhere.
-        """
+        """Create the density control. Points are densified within `region` only; None is everywhere."""
         self.points = points
         self.config = config
         self.max_points = max_points
@@ -135,12 +113,7 @@ class KeyframeDensity:
     def update(self, done: int, share: float, images: TrainingImages, averaged: bool, absolute: bool) -> None:
         """Add and prune points after an iteration, if due.
 
-        Args:
-            done: Number of finished iterations.
-            share: Share of training that is over, 0..1.
-            images: Training images.
-            averaged: Values are being averaged; no point is removed any more.
-            absolute: The measured gradients are absolute ones.
+        `averaged`: no point is removed any more. `absolute`: the measured gradients are absolute ones.
         """
         if not self.is_due(done, share, averaged):
             return
@@ -227,7 +200,6 @@ class GroupDensity:
     Attributes:
         convertible: [S] bool, static points that may become dynamic.
         budget: Number of points that may still be added.
-        rng: Source of the cameras by which faint points are found.
     """
 
     def __init__(
@@ -240,16 +212,9 @@ class GroupDensity:
         rng: np.random.Generator,
         region: Volume | None = None,
     ) -> None:
-        """Create the density control of a group.
+        """Create the density control.
 
-        Args:
-            points: Points whose rows are changed.
-            static: Static points, of which some may be converted.
-            convertible: [S] bool, static points that may become dynamic.
-            config: Settings.
-            iterations: Iterations of training.
-            rng: Source of the cameras by which faint points are found.
-            region: Volume in which points are cloned; None is everywhere.
+        `convertible` [S]: static points that may become dynamic. Points are cloned within `region` only.
         """
         self.region = region
         self.points = points
@@ -384,20 +349,9 @@ MAX_RECOVERY = 0.1
 
 
 class OpacityResets:
-    """Times of the resets and prunings of one training.
-
-    Attributes:
-        resets: Numbers of finished iterations after which opacities are reset.
-        prunings: Numbers of finished iterations after which points are pruned.
-    """
+    """Times of the resets and prunings of one training, as numbers of finished iterations."""
 
     def __init__(self, total: int, views: int) -> None:
-        """Choose the times.
-
-        Args:
-            total: Iterations of training.
-            views: Number of training views.
-        """
         wait = max(RECOVERY, math.ceil(RECOVERY_ROUNDS * views))
         self.resets = [round(at * total) for at in RESET_AT] if wait <= MAX_RECOVERY * total else []
         self.prunings = [done + wait for done in self.resets]
@@ -466,9 +420,7 @@ class _Relation:
     def pixels(self, rays: np.ndarray, inverse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the columns and rows [M, D, P] of points, with pixel centers at integers; NaN behind the view.
 
-        Args:
-            rays: [M, P, 3] directions in the reference view, with z = 1.
-            inverse: [M, D, P] inverse depths.
+        `rays` [M, P, 3] are directions in the reference view with z = 1, at inverse depths [M, D, P].
         """
         x, y, z = ((rays @ self.rotation[axis])[:, None] + self.translation[axis] * inverse for axis in range(3))
         z = np.where(z > 1e-6, z, np.nan)
@@ -488,7 +440,6 @@ class RayDepths:
     """Search for depths in the training images of one frame."""
 
     def __init__(self, images: TrainingImages) -> None:
-        """Prepare the images. images: Training images of a keyframe."""
         self.views = images.views
         self.near = images.near
         self.poses = [view.viewmat.astype(np.float64) for view in self.views]
@@ -501,14 +452,7 @@ class RayDepths:
         self.nearest = nearest_poses(centers, np.stack([pose[2, :3] for pose in self.poses]), NEAREST_VIEWS)
 
     def agreed(self, camera: int, pixels: np.ndarray, depth: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """Return the depths [M] of pixels: those that other views agree on, else the rendered ones.
-
-        Args:
-            camera: Number of the view.
-            pixels: [M] row-major numbers of the pixels.
-            depth: [H, W] rendered depth, world units.
-            known: [H, W] bool, pixels with a rendered depth.
-        """
+        """Return the depths [M] of pixels, by row-major number: those that other views agree on, else the rendered ones."""
         rendered = depth.ravel()[pixels].astype(np.float64)
         if len(self.nearest[camera]) < 2:
             return rendered
@@ -552,13 +496,7 @@ class RayDepths:
 
 
 def _steps(others: list[_Relation], rays: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """Return the distance [M] of two inverse depths that moves pixels [M] by `STEP_PIXELS` in the median other view.
-
-    Args:
-        others: Other views.
-        rays: [M, 3] directions of the pixels.
-        inverse: [M] inverse depths.
-    """
+    """Return the distance [M] of two inverse depths [M] that moves pixels on rays [M, 3] by `STEP_PIXELS` in the median other view."""
     nearby = np.stack([inverse, 1.01 * inverse], 1)[..., None]
     moved = [np.hypot(*(at[:, 1, 0] - at[:, 0, 0] for at in other.pixels(rays[:, None], nearby))) for other in others]
     moved = np.stack(moved)
@@ -603,20 +541,10 @@ def adds_after(done: int, total: int) -> bool:
 def points_at_errors(
     draw: Draw, images: TrainingImages, gains: np.ndarray, bands: int, count: int, rng: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """Return new points in random pixels. The probability of a pixel is its absolute error times its loss of similarity (1 - SSIM).
+    """Return up to `count` new points in random pixels, as unconstrained arrays. A pixel's probability is its error times 1 - SSIM.
 
-    A point takes the color of its pixel, and the depth that neighboring views agree on (`RayDepths`), else the rendered depth.
-
-    Args:
-        draw: Draws the current points.
-        images: Training images.
-        gains: [C, 3] color gains of the cameras.
-        bands: Number of harmonics of a point beyond the constant.
-        count: Number of points to add, over all cameras.
-        rng: Source of the pixels.
-
-    Returns:
-        Unconstrained arrays of up to `count` points, as in `TrainablePoints`.
+    A point takes the color of its pixel, and the depth that neighboring views agree on (`RayDepths`), else the rendered
+    depth. `bands` is the number of its harmonics beyond the constant.
     """
     found, ray_depths = [], RayDepths(images)
     for camera, view in enumerate(images.views):

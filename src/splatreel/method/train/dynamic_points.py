@@ -31,16 +31,10 @@ def make_deformation(
     tracks: np.ndarray | None,
     fixed: np.ndarray | None,
 ) -> Deformation:
-    """Create a model by its name. Without points it is `trajectory`, which needs none.
+    """Create a model by its name in `MODELS`. Without points it is `trajectory`, which needs none.
 
-    Args:
-        name: Key of `MODELS`.
-        means: [N, 3] canonical positions.
-        frames: Number of frames of the group, T.
-        unit: Typical viewing distance, world units.
-        seed: Seed of the initial values.
-        tracks: [T, N, 3] initial positions; None is at rest.
-        fixed: [N] bool, points that never move; None for none.
+    It starts from `tracks` [T, N, 3], or at rest. Points that are `fixed` [N] bool never move. `unit` is the typical
+    viewing distance.
     """
     model = MODELS[name] if len(means) else Trajectory
     return model(means, frames, unit, seed, tracks, fixed)
@@ -60,13 +54,7 @@ keyframe, and added points are guesses."""
 
 @dataclass(frozen=True)
 class Changes:
-    """Difference from the keyframe at a moment.
-
-    Attributes:
-        dx: [N, 3] position offsets, world units.
-        dq: [N, 4] rotation offsets.
-        shade: [N, 4] as `Appearance.at`; None if appearance is fixed.
-    """
+    """Difference from the keyframe: dx [N, 3], dq [N, 4], and shade [N, 4] as `Appearance.at`; None if appearance is fixed."""
 
     dx: np.ndarray
     dq: np.ndarray
@@ -74,13 +62,7 @@ class Changes:
 
 
 class DynamicPoints:
-    """Dynamic points in three parts, whose rows are added and removed together.
-
-    Attributes:
-        canonical: Gaussians at the keyframe.
-        deformation: Motion.
-        appearance: Change of color and opacity; None if fixed.
-    """
+    """Dynamic points in three parts, whose rows are added and removed together. `appearance` is None if it is fixed."""
 
     def __init__(self, canonical: TrainablePoints, deformation: Deformation, appearance: Appearance | None) -> None:
         self.canonical = canonical

@@ -69,15 +69,7 @@ class ImagePool:
     """Images of one size, in buffers with room for many. The one that was not used for the longest time is replaced."""
 
     def __init__(self, gpu: Gpu, width: int, height: int, count: int, bound: float = BOUND) -> None:
-        """Make room.
-
-        Args:
-            gpu: Device.
-            width: Pixels.
-            height: Pixels.
-            count: Number of different images.
-            bound: Most bytes that the images take.
-        """
+        """Make room for `count` images in at most `bound` bytes."""
         self._gpu = gpu
         self._bytes = 4 * width * height
         fits = max(int(min(bound // self._bytes, count)), 2)
@@ -87,12 +79,9 @@ class ImagePool:
         self._held: OrderedDict[tuple[int, int], int] = OrderedDict()
 
     def get(self, frame: int, camera: int, load: Callable[[], np.ndarray]) -> tuple[Any, int]:
-        """Return the buffer of an image and the number of its first pixel there.
+        """Return the buffer of an image, and the number of its first pixel there.
 
-        Args:
-            frame: Number of the frame.
-            camera: Number of the camera.
-            load: Returns the image [H, W, 4] uint8: color, and 0 where a pixel is known.
+        `load` gives [H, W, 4] uint8: color, 0 where known.
         """
         key = frame, camera
         if key in self._held:
@@ -142,23 +131,9 @@ def unsupported(opened: Gpu | OwnPrograms, state: GroupState | KeyframeState) ->
 
 
 class GpuProgram:
-    """Points, static points and images on a GPU.
-
-    Attributes:
-        gpu: Device.
-        images: Images in use.
-        drawing: Buffers and dispatches of the drawing.
-    """
+    """Points, static points and images on a GPU."""
 
     def __init__(self, gpu: Gpu, points: TrainablePoints, static: StaticCache | None, images: TrainingImages) -> None:
-        """Prepare a program; `upload` follows.
-
-        Args:
-            gpu: Device.
-            points: Canonical points of the host.
-            static: Static points; None if there are none.
-            images: Images.
-        """
         self.gpu = gpu
         self.images = images
         self._points = points
@@ -277,10 +252,7 @@ class GpuProgram:
     ) -> list[Outcome]:
         """Run draws, and wait for their results. Draws whose pairs did not fit run again with more room.
 
-        Args:
-            count: Number of draws, up to `MOST_DRAWS`.
-            prepare: Function from the number of a draw to its uniform block and its buffers.
-            record: Function that records the dispatches of a draw, from the recording, the block and the buffers.
+        `prepare` gives the uniform block and the buffers of a draw, `record` records its dispatches.
 
         Raises:
             GaussiansError: A value is NaN or infinite.
@@ -499,7 +471,6 @@ class GpuGroupProgram(GpuProgram):
             _set_moment(block, APPEARANCE, self._moving.appearance.spline, draw.moment)
 
     def _record(self, to: Recording, block: np.ndarray, buffers: Buffers) -> None:
-        """Record the dispatches of a draw."""
         drawing, kernel = self.drawing, self.gpu.kernel
         n = drawing.count
         nodes = int(block["rows"][0])
@@ -555,15 +526,9 @@ def _planes(controls: np.ndarray) -> np.ndarray:
 
 
 def _links(index: np.ndarray, share: np.ndarray, nodes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points of each node.
+    """Return the points of each of M nodes: starts [M + 1] of their ranges, and points with the bits of their weights, [N K, 2] uint32.
 
-    Args:
-        index: [N, K] nodes of each point.
-        share: [N, K] their weights.
-        nodes: Number of nodes, M.
-
-    Returns:
-        Starts [M + 1] of the nodes' ranges, and points with the bits of their weights, [N K, 2] uint32.
+    Point n has the nodes index[n] [K] with the weights share[n].
     """
     flat = index.reshape(-1)
     order = np.argsort(flat, kind="stable")
@@ -677,7 +642,6 @@ class GpuKeyframeProgram(GpuProgram):
         return block, static | self._shared | {"targets": target}
 
     def _record(self, to: Recording, block: np.ndarray, buffers: Buffers) -> None:
-        """Record the dispatches of a draw."""
         drawing, kernel = self.drawing, self.gpu.kernel
         drawing.record_pairs(to, buffers)
         drawing.record_image(to, buffers)

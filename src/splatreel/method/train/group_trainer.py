@@ -54,11 +54,7 @@ class FrameSchedule:
     def __init__(self, available: np.ndarray, iterations: int, progressive: float, seed: int) -> None:
         """Create a schedule.
 
-        Args:
-            available: [T, C] bool, images that exist. Every frame has one.
-            iterations: Iterations of training.
-            progressive: Share of training over which frames are added.
-            seed: Seed of all draws.
+        `available` [T, C]: images that exist; every frame has one. Frames are added over the share `progressive`.
         """
         self.available = available
         self.frames, self.cameras = available.shape
@@ -110,7 +106,6 @@ class FrameSchedule:
         return share / share.mean()
 
     def _near(self, last: int) -> int:
-        """Draw a frame up to `last`."""
         if self.rng.random() < self.FRONTIER_SHARE:
             return max(0, last - int(self.rng.integers(self.FRONTIER_FRAMES)))
         return int(self.rng.integers(last + 1))
@@ -128,16 +123,7 @@ def training_psnr(
     time_offsets: TimeOffsets,
     available: np.ndarray,
 ) -> float:
-    """Return the mean PSNR, dB, over a few training images spread over frames and cameras.
-
-    Args:
-        points: Trained points.
-        static: Static points.
-        images: Training images.
-        gains: [C, 3] color gains.
-        time_offsets: Learned time offsets.
-        available: [T, C] bool, images that exist.
-    """
+    """Return the mean PSNR, dB, over a few training images spread over frames and cameras. `available` [T, C]: images that exist."""
     values = []
     for k in range(SAMPLES):
         frame = k * (images.count - 1) // (SAMPLES - 1)
@@ -160,7 +146,6 @@ class GroupResult:
     """Result of a group's training.
 
     Attributes:
-        dynamic: Canonical points.
         dx: [T, N, 3] position offsets at every frame, world units.
         dq: [T, N, 4] rotation offsets at every frame.
         alive: [S] bool, static points that are still static.
@@ -182,14 +167,7 @@ class GroupResult:
 
 
 def group_result(points: DynamicPoints, frames: int, alive: np.ndarray, offsets: LearnedOffsets | None) -> GroupResult:
-    """Collect a group's points and their changes at every frame as arrays.
-
-    Args:
-        points: Trained points.
-        frames: Number of frames, T.
-        alive: [S] bool, static points that are still static.
-        offsets: Learned time offsets; None if they are not learned.
-    """
+    """Collect a group's points and their changes at every frame as arrays. `alive` [S]: static points that are still static."""
     changes = [points.changes(frame) for frame in range(frames)]
     dx, dq = np.stack([c.dx for c in changes]), np.stack([c.dq for c in changes])
     logits = points.canonical.params["logit_opacities"]
@@ -204,12 +182,7 @@ def _shade(shade: np.ndarray, logits: np.ndarray) -> np.ndarray:
 
 
 class GroupTrainer:
-    """Trainer of one group. Static points stay frozen unless density control makes them dynamic (paper section 4.1).
-
-    Attributes:
-        images: Images in use, smaller ones at first.
-        larger_images: Images of larger sizes, each with the iteration at which its use begins.
-    """
+    """Trainer of one group. Static points stay frozen unless density control makes them dynamic (paper section 4.1)."""
 
     def __init__(
         self,
@@ -229,19 +202,9 @@ class GroupTrainer:
     ) -> None:
         """Prepare the training of a group.
 
-        Args:
-            images: Training images at full size.
-            start: Initial state.
-            static: Static points.
-            config: Settings.
-            gains: Color gains of the cameras.
-            time_offsets: Time offsets of the cameras, to be refined; None if all cameras are synchronized.
-            may_move: [S] bool, static points that density control may make dynamic; None allows all living points.
-            seed: Seed of all random choices.
-            missing: [T, C] bool, images that are not trained on; None trains on all.
-            region: Volume in which points are cloned; None is everywhere.
-            gpu: GPU that runs the iterations; None runs them on the CPU.
-            losses: List of terms; None is `losses.GROUP`.
+        `may_move` [S] are the static points that density control may make dynamic; None allows all living ones. Images
+        of `missing` [T, C] are not trained on. Points are cloned within `region` only. `losses` is a list of terms;
+        None is `losses.GROUP`.
         """
         group = config.group
         self.config = config
@@ -301,15 +264,7 @@ class GroupTrainer:
         return self._run([self.plan(iteration)])
 
     def _iterate(self, iteration: int, progress: Progress) -> int:
-        """Run iterations until something is due, and the actions that are due after them.
-
-        Returns:
-            Number of finished iterations.
-
-        Raises:
-            GaussiansError: A value is NaN or infinite.
-            GpuError: The GPU was lost, or has too little memory.
-        """
+        """Run iterations until something is due, and the actions that are due after them. Return the number of finished iterations."""
         self._choose_images(iteration)
         draws = [self.plan(iteration)]
         while len(draws) < self._most_draws() and not self._stops(iteration + len(draws)):
@@ -355,14 +310,12 @@ class GroupTrainer:
         return done
 
     def _upload(self) -> None:
-        """Give the state to the program."""
         if self.program is not None:
             self.program.neighbors = self.neighbors
             self.program.images = self.images
             self.program.upload()
 
     def _download(self) -> None:
-        """Take the state from the program."""
         if self.program is not None:
             self.program.give_meters()
             self.program.download()

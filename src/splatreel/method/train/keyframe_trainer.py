@@ -42,12 +42,6 @@ class Average:
     """
 
     def __init__(self, share: float, iterations: int) -> None:
-        """Prepare an average.
-
-        Args:
-            share: Share of the iterations that is averaged.
-            iterations: Iterations of training.
-        """
         self.after = iterations - round(share * iterations)
         self._means: list[np.ndarray] = []
         self._count = 0
@@ -93,7 +87,6 @@ class KeyframeResult:
     """Result of a keyframe's training.
 
     Attributes:
-        points: Gaussians of the keyframe.
         gains: [C, 3] float32, learned color gains of the cameras.
         alive: [S] bool, static points that the first keyframe of a chapter keeps; None for all other keyframes, which keep all.
     """
@@ -104,17 +97,7 @@ class KeyframeResult:
 
 
 def starting_points(positions: np.ndarray, colors: np.ndarray, config: KeyframeConfig, unit: float) -> TrainablePoints:
-    """Create Gaussians at sparse points, as large as the distance to their neighbors.
-
-    Args:
-        positions: [P, 3] world.
-        colors: [P, 3] 0..1.
-        config: Keyframe settings.
-        unit: Typical viewing distance, world units.
-
-    Source:
-        3DGS, section 5.1.
-    """
+    """Create Gaussians at sparse points [P, 3] with colors 0..1, as large as the distance to their neighbors (3DGS, section 5.1)."""
     points = np.asarray(positions, np.float32)
     count, neighbors = len(points), min(3, len(points) - 1)
     if neighbors > 0:
@@ -151,18 +134,10 @@ class KeyframeTrainer:
         region: Volume | None = None,
         gpu: SharedGpu | None = None,
     ) -> None:
-        """Prepare the training of a keyframe.
+        """Prepare the training of a keyframe, in front of frozen `static` points.
 
-        Args:
-            points: Points to train.
-            gains: Color gains of the cameras, trained too.
-            config: Keyframe settings.
-            static: Frozen static points; None if there are none.
-            max_points: Maximum number of points.
-            losses: List of terms; None is `losses.KEYFRAME`.
-            seed: Seed of all random choices.
-            region: Volume in which points are densified; None is everywhere.
-            gpu: GPU that runs the iterations; None runs them on the CPU.
+        `losses` is a list of terms; None is `losses.KEYFRAME`. Points are densified within `region` only. The color
+        gains are trained too. Without a GPU, the iterations run on the CPU.
         """
         self.points = points
         self.gains = gains
@@ -276,7 +251,6 @@ class KeyframeTrainer:
         return loss
 
     def _stops(self, done: int, total: int, end: int, average: Average) -> bool:
-        """Return whether a batch of the program ends after `done` iterations."""
         return done % SHOW_EVERY == 0 or self._needs_host(done, total, end, average)
 
     def _needs_host(self, done: int, total: int, end: int, average: Average) -> bool:
@@ -340,7 +314,6 @@ class KeyframeTrainer:
         return StaticCache(self.static, images.all_views, images.near)
 
     def _compares_all(self, images: TrainingImages, iteration: int) -> bool:
-        """Return whether an iteration compares the whole image."""
         shows = (iteration + 1) % SHOW_EVERY == 0
         return shows or iteration % GAINS_EVERY == 0 or images.unknown is not None
 

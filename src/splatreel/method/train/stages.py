@@ -55,14 +55,8 @@ def train_first_keyframe(
 ) -> KeyframeResult:
     """Train all points of the first group's keyframe, from initial points.
 
-    Args:
-        data: Training views of the group.
-        positions: [P, 3] world.
-        colors: [P, 3] 0..1.
-        config: Settings.
-        progress: Receives the current iteration.
-        unknown: [C, H, W] bool, pixels without a valid value; None if all are valid.
-        watch: Called during training with a function that returns the points as they are now.
+    `unknown` [C, H, W] are pixels without a valid value. `watch` is called with a function that returns the points as
+    they are now.
     """
     keyframe, gains = config.keyframe, known_gains(data, config)
     trainer = first_keyframe_trainer(positions, colors, data.layout, data.cameras, gains, config, data.gpu)
@@ -105,15 +99,7 @@ def train_group(
 def group_trainer(
     data: GroupInput, start: GroupStart, static: StaticPoints, config: Config, may_move: np.ndarray | None = None
 ) -> GroupTrainer:
-    """Create the trainer of a group.
-
-    Args:
-        data: Training views of the group.
-        start: Initial state.
-        static: Static points.
-        config: Settings.
-        may_move: [S] bool, static points that may be converted; None allows all living points.
-    """
+    """Create the trainer of a group. `may_move` [S]: static points that may be converted; None allows all living points."""
     gains = known_gains(data, config)
     views = [
         View.of(camera, data.antialias, data.layout, gain)
@@ -231,16 +217,10 @@ def missing_in(data: GroupInput, static: StaticPoints) -> np.ndarray:
 def _remove_departed(
     data: GroupInput, static: StaticPoints, missing: np.ndarray, before: Gaussians
 ) -> tuple[StaticPoints, np.ndarray]:
-    """Remove static points that the first frame contradicts.
+    """Remove static points that the first frame contradicts. Return the remaining ones, and the pixels that differ from them.
 
-    Args:
-        data: Training views.
-        static: Shared static points.
-        missing: [C, H, W] bool, pixels that differ from all static points.
-        before: Approximate new content, which hides static points behind it.
-
-    Returns:
-        The remaining static points, and the pixels that differ from them.
+    `missing` [C, H, W] differ from all static points. `before` is approximate new content, which hides static points
+    behind it.
     """
     for _ in range(MAX_PASSES):
         everything = Gaussians.concatenate([static.living, before])
@@ -276,14 +256,9 @@ def _places(data: GroupInput, found: InitialPoints, missing: np.ndarray) -> tupl
 
 
 def _thinned(points: np.ndarray, colors: np.ndarray, share: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return a random choice of points and colors, [P, 3] each.
+    """Return a random share of points and colors, [P, 3] each.
 
-    Args:
-        points: [P, 3] positions.
-        colors: [P, 3] 0..1.
-        share: Share to keep. A scene of this image size has no room for more; in a sequence the others fade during the first
-            keyframe.
-        seed: Seed of the choice.
+    A scene of this image size has no room for more. In a sequence the others fade during the first keyframe.
     """
     if share >= 1 or len(points) == 0:
         return points, colors

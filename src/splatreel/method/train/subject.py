@@ -19,9 +19,7 @@ from splatreel.scene.gaussians import C0
 def with_opposite(images: TrainingImages, alpha: np.ndarray) -> TrainingImages:
     """Return training images of a subject together with the same images over the opposite backgrounds.
 
-    Args:
-        images: Images of a subject. Their views have the backgrounds.
-        alpha: [T, C, H, W] uint8, opacity of the subject. Pixels in doubt become unknown.
+    `alpha` [T, C, H, W] uint8 is the subject's opacity; pixels in doubt become unknown.
     """
     if (unknown := is_doubtful(alpha)).any():
         images = replace(images, unknown=unknown if images.unknown is None else unknown | images.unknown)
@@ -63,13 +61,7 @@ LEAST = 1e-4
 
 
 def spread_colors(points: TrainablePoints, images: TrainingImages, static: StaticCache | None) -> None:
-    """Give points that no view shows well the mean color of their neighbors. It depends on the view as little as they are seen.
-
-    Args:
-        points: Points, whose colors are changed.
-        images: Training images of a keyframe.
-        static: Static points; None if there are none.
-    """
+    """Give points that no view shows well the mean color of their neighbors. It depends on the view as little as they are seen."""
     count = min(NEIGHBORS + 1, len(points) - 1)
     if count < 1:
         return
@@ -89,13 +81,7 @@ def spread_colors(points: TrainablePoints, images: TrainingImages, static: Stati
 
 
 def seen_shares(points: TrainablePoints, images: TrainingImages, static: StaticCache | None) -> np.ndarray:
-    """Return how much of each point's broad side is shown, [N]: the largest share over the views, 0..1.
-
-    Args:
-        points: Points.
-        images: Training images of a keyframe.
-        static: Static points in front of some of them; None if there are none.
-    """
+    """Return how much of each point's broad side is shown, [N]: the largest share over the views, 0..1."""
     _, middle, broad = np.sort(points.scales, 1).T
     found = np.zeros_like(middle)
     for camera, view in enumerate(images.views):

@@ -45,8 +45,6 @@ class ImageSplats(NamedTuple):
         background: [3]; None is black.
         gain: [3] factor on the drawing; None is 1.
         where: [N] bool, splats whose tiles are compared; None compares those of all splats of `bins`.
-        whole: The whole image is compared.
-        learns_gain: The gradient to the gain is wanted.
         unknown: [H, W] bool, pixels without a target; None if all have one.
         fill: Function from a drawing before the gain to the target whose unknown pixels repeat the drawing.
     """
@@ -82,12 +80,7 @@ def compare(
 ) -> Compared:
     """Draw splats, compare the image with `seen.target`, and set `seen.photometric`.
 
-    Args:
-        given: Splats of a view.
-        static: Static splats of the view, also if `given.bins` has them; None if there are none.
-        lambda_dssim: Weight of 1 - SSIM in the photometric loss.
-        seen: The iteration.
-        due: Terms that run in it.
+    `static` are those of the view, also if `given.bins` has them.
     """
     weight = sum_of_weights(Photometric, due)
     others = [(term, factor) for term, factor in due if term.reads_image]
@@ -144,7 +137,6 @@ def _scaled(found: rasterize.Gradients, d_gain: np.ndarray, weight: float = 1.0)
 
 
 def _nothing(given: ImageSplats) -> Compared:
-    """Return gradients of zero."""
     sizes = (2,), (3,), (3,), ()
     zeros = [np.zeros((len(given.colors), *size), np.float32) for size in sizes]
     return Compared(zeros, np.zeros(3, np.float32), np.zeros((len(given.colors), 2), np.float32))

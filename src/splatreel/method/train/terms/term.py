@@ -115,21 +115,13 @@ class Iteration:
     """Values of one iteration that terms read, and the gradients that they add to.
 
     Attributes:
-        iteration: Number of the iteration.
-        share: Share of training that is over, 0..1.
-        camera: Number of the camera.
         moment: Time of the image, in frames of the group; 0 for keyframes.
-        view: View that was drawn.
-        near: Near plane, world units.
-        unit: Typical viewing distance, world units.
         target: [H, W, 3] uint8 training image.
         points: Unconstrained arrays by name, as in `TrainablePoints`; of a group also dx [N, 3] and dq [N, 4], the offsets at the
             moment.
-        splats: The points, projected to the view.
         bins: The splats, sorted into tiles; None if only other splats were sorted with them.
         photometric: Photometric loss; None if it was not computed.
         image: [H, W, 3] drawing with background and color gain, 0..1; None unless a term of the iteration `reads_image`.
-        d_image: Gradient to `image`.
         gradients: Gradients to `points` by name, while `Term.add_to_points` runs.
         custom: Values and gradients that functions of a user returned, by the ids of their terms.
     """
@@ -178,7 +170,6 @@ class GroupIteration(Iteration):
     """An iteration of a group.
 
     Attributes:
-        deformation: Model of motion.
         neighbors: Nearest neighbors; None for fewer than two points.
         rank: Rank of the neighbor that rigidity compares each point with; None without this term.
         span: First and last frame that smoothness looks at, and a position 0..1 between them; None without this term.
@@ -203,10 +194,8 @@ class Term(Generic[Seen]):
     after it.
 
     Attributes:
-        name: Name in messages.
         weight: Field of `KeyframeConfig` or `GroupConfig` with the weight, 0 to turn the term off; None means 1.
         every: The term runs in iterations first, first + every and so on, with `every` times its weight.
-        first: See `every`.
         block: Number of successive iterations that `every` and `first` count as one. A CPU runs two iterations at a time, and both
             should take equally long.
         after: Share of training after which the term runs.
