@@ -59,20 +59,12 @@ class Driver:
     """NVIDIA's driver."""
 
     def __init__(self, file: str | Path = DRIVER) -> None:
-        """Load the driver.
-
-        Raises:
-            GpuError: There is none, or it finds no device.
-        """
+        """Load the driver. Raise a `GpuError` if there is none, or it finds no device."""
         self._library = _load(file, _DRIVER_CALLS)
         self.call("cuInit", 0)
 
     def call(self, name: str, *arguments: Any) -> None:
-        """Call a function of the driver.
-
-        Raises:
-            GpuError: The function reports an error, also one of earlier work on the device.
-        """
+        """Call a function of the driver. Its errors are `GpuError`, also those of earlier work on the device."""
         code = getattr(self._library, name)(*arguments)
         if code:
             text = c_char_p()
@@ -93,18 +85,10 @@ class Driver:
 
 
 class Compiler:
-    """NVIDIA's run-time compiler.
-
-    Attributes:
-        supported: Compute capabilities that it compiles for, such as 90, in ascending order.
-    """
+    """NVIDIA's run-time compiler. `supported` are the compute capabilities that it compiles for, such as 90, in ascending order."""
 
     def __init__(self, file: Path) -> None:
-        """Load the compiler.
-
-        Raises:
-            GpuError: The file cannot be loaded.
-        """
+        """Load the compiler, or raise a `GpuError`."""
         self._library = _load(file, _COMPILER_CALLS)
         count = c_int()
         self._library.nvrtcGetNumSupportedArchs(byref(count))
@@ -113,18 +97,9 @@ class Compiler:
         self.supported = sorted(found)
 
     def compile(self, source: str, name: str, capability: int) -> bytes:
-        """Compile CUDA C++ to a module for the driver.
+        """Compile CUDA C++ for a compute capability, such as 90. Return machine code, or PTX for newer devices.
 
-        Args:
-            source: Source.
-            name: Name of the kernel, for errors.
-            capability: Compute capability of the device, such as 90.
-
-        Returns:
-            Machine code, or PTX where the compiler is older than the device.
-
-        Raises:
-            GpuError: The source has an error, or the device is too old for the compiler.
+        Raise a `GpuError` if the source has an error, or the device is too old for the compiler.
         """
         known = [each for each in self.supported if each <= capability]
         if not known:
@@ -198,12 +173,9 @@ class CudaDevice:
     """A device of NVIDIA's driver.
 
     Attributes:
-        name: Name of the device.
-        number: Number of the device.
         capability: Compute capability, such as 90.
         is_integrated: The device shares the memory of the processor.
         limits: Limits by wgpu's names.
-        driver: The driver.
         compiler: NVRTC's file; None if there is none for this driver.
         missing: Why training cannot use the device; None if it can.
     """
@@ -230,16 +202,7 @@ def cuda_devices() -> list[CudaDevice]:
 
 
 def describe_device(driver: Driver, number: int, compilers: Sequence[Path]) -> CudaDevice:
-    """Return what the driver knows of a device.
-
-    Args:
-        driver: Driver.
-        number: Number of the device.
-        compilers: Files of NVRTC, the newest first.
-
-    Raises:
-        GpuError: The driver reports an error.
-    """
+    """Return what the driver knows of a device. `compilers` are files of NVRTC, the newest first. Errors are `GpuError`."""
 
     def attribute(which: int) -> int:
         return driver.integer("cuDeviceGetAttribute", which, device)

@@ -29,14 +29,7 @@ def read_shader(name: str) -> str:
 
 
 def complete_source(name: str, group: int, subgroups: bool, **constants: str | int) -> str:
-    """Return the complete source of a kernel.
-
-    Args:
-        name: File of the folder `shaders`.
-        group: Threads of a workgroup.
-        subgroups: Sums over a tile use subgroup operations.
-        constants: Values of names that the file leaves open.
-    """
+    """Return the complete source of a kernel in `shaders`, for `group` threads. `constants` are names that the file leaves open."""
     text = read_shader(name)
     uses = [part.strip() for line in _USES.findall(text) for part in line.split(",")]
     declared = "".join(f"const {label} = {value};\n" for label, value in constants.items())
@@ -65,7 +58,6 @@ class Gpu(ABC):
     """An opened adapter. A subclass for each interface creates buffers and runs kernels.
 
     Attributes:
-        adapter: The adapter.
         group: Threads of a workgroup.
         subgroups: Sums over a tile use subgroup operations.
         largest: Largest number of bytes of one buffer. The subclass sets it.
@@ -76,10 +68,7 @@ class Gpu(ABC):
     def __init__(self, adapter: Adapter, group: int | None, subgroups: bool | None) -> None:
         """Note what an adapter can do.
 
-        Args:
-            adapter: Adapter.
-            group: Threads of a workgroup: 64, 128 or 256; None chooses.
-            subgroups: Use subgroup operations; None uses them if there are any.
+        `group`: 64, 128 or 256 threads. `subgroups`: use subgroup operations, by default if there are any.
         """
         self.adapter = adapter
         self.group = group or 64
@@ -89,11 +78,7 @@ class Gpu(ABC):
 
     @abstractmethod
     def _allocate(self, size: int, label: str) -> Any:
-        """Return a storage buffer of zeros. size: bytes, a multiple of 64. It has an attribute `size`.
-
-        Raises:
-            GpuError: The device has no room.
-        """
+        """Return a storage buffer of zeros with an attribute `size`, bytes, a multiple of 64; or raise a `GpuError`."""
 
     @abstractmethod
     def uniform(self, array: np.ndarray) -> Any:
@@ -101,27 +86,15 @@ class Gpu(ABC):
 
     @abstractmethod
     def write(self, buffer: Any, array: np.ndarray, offset: int = 0) -> None:
-        """Copy an array into a buffer, before all work that is submitted later. offset: bytes, a multiple of four.
-
-        Raises:
-            GpuError: The device was lost.
-        """
+        """Copy an array into a buffer, before all work that is submitted later. offset: bytes, a multiple of four."""
 
     @abstractmethod
     def read(self, buffer: Any, dtype: Any, shape: Sequence[int]) -> np.ndarray:
-        """Wait for all submitted work, and return the first values of a buffer.
-
-        Raises:
-            GpuError: The device was lost.
-        """
+        """Wait for all submitted work, and return the first values of a buffer. A lost device raises a `GpuError`."""
 
     @abstractmethod
     def _compile(self, name: str, source: str) -> Any:
-        """Compile the complete source of a kernel.
-
-        Raises:
-            GpuError: It does not compile.
-        """
+        """Compile the complete source of a kernel, or raise a `GpuError`."""
 
     @abstractmethod
     def _bind(self, kernel: Kernel, buffers: Mapping[int, Any]) -> Any:
@@ -132,15 +105,7 @@ class Gpu(ABC):
         """Start a list of dispatches."""
 
     def zeros(self, nbytes: int, label: str = "a buffer") -> Any:
-        """Return a storage buffer of zeros.
-
-        Args:
-            nbytes: Size; at least 64 bytes are allocated.
-            label: Contents, for the error.
-
-        Raises:
-            GpuError: The device has no room, or does not allow a buffer of this size.
-        """
+        """Return a storage buffer of zeros of at least 64 bytes, or raise a `GpuError` that names its contents (`label`)."""
         size = max(-(-nbytes // 64) * 64, 64)
         if size > self.largest:
             raise GpuError(
@@ -195,11 +160,7 @@ class Recording(ABC):
 
     @abstractmethod
     def submit(self) -> None:
-        """Start the work, without waiting for its end.
-
-        Raises:
-            GpuError: The device was lost.
-        """
+        """Start the work, without waiting for its end. A lost device raises a `GpuError`."""
 
     def run_each(self, kernel: Kernel, count: int, buffers: Mapping[str, Any], depth: int = 1) -> None:
         """Add a dispatch with a thread for each of `count` elements, `depth` times along the third axis."""

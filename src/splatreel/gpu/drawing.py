@@ -37,20 +37,7 @@ def new_draw() -> np.ndarray:
 def fill_view(
     draw: np.ndarray, viewmat: np.ndarray, K: np.ndarray, width: int, height: int, near: float, antialias: bool
 ) -> None:
-    """Fill the fields of a pinhole camera.
-
-    Args:
-        draw: Block to fill.
-        viewmat: [4, 4] world to camera.
-        K: [3, 3] pixels.
-        width: Pixels.
-        height: Pixels.
-        near: Smallest depth drawn, world units.
-        antialias: Blur splats by 0.1 square pixels instead of 0.3, and reduce their opacity accordingly.
-
-    Source:
-        `kernels.project.Pinhole`.
-    """
+    """Fill the fields of a camera as `kernels.project.Pinhole`. `antialias` blurs splats by 0.1 square pixels instead of 0.3."""
     fx, fy, cx, cy = (float(K[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
     margin_x, margin_y = 0.15 * width / fx, 0.15 * height / fy
     draw["row0"], draw["row1"], draw["row2"] = viewmat[:3]
@@ -84,10 +71,6 @@ class Drawing:
     """Buffers and dispatches to draw points at one image size, in front of static splats, and to compute gradients.
 
     Attributes:
-        gpu: Device.
-        buffers: Buffers by name.
-        count: Number of points.
-        columns: Number of parameters of a point.
         capacity: Number of (splat, tile) pairs that fit.
     """
 
@@ -254,20 +237,10 @@ LOGIT = 10
 
 
 class StaticScene:
-    """Static points, and what each view knows of them.
-
-    Attributes:
-        count: Number of points, hidden ones included.
-        pairs: Largest number of (splat, tile) pairs of a view so far.
-    """
+    """Static points, hidden ones included, and what each view knows of them. `pairs` is the largest number of pairs of a view."""
 
     def __init__(self, gpu: Gpu, params: np.ndarray) -> None:
-        """Prepare static points.
-
-        Args:
-            gpu: Device.
-            params: [columns, S] float32, as for `Drawing.set_points`.
-        """
+        """Prepare static points. `params` [columns, S] are those of `Drawing.set_points`."""
         self._gpu = gpu
         self._params = params
         self.count = params.shape[1]
@@ -278,12 +251,7 @@ class StaticScene:
         self.meter: Any = gpu.zeros(8 * self.count)
 
     def set_alive(self, alive: np.ndarray, chosen: np.ndarray) -> None:
-        """Show only the points of a mask, and forget the views.
-
-        Args:
-            alive: [S] bool.
-            chosen: [S] bool, points whose gradients can be measured.
-        """
+        """Show only the points of a mask [S], and forget the views. The gradients of `chosen` points [S] can be measured."""
         params = self._params.copy()
         params[LOGIT, ~alive] = HIDDEN
         self._shown = self._gpu.upload(params, "the static points")
@@ -301,13 +269,7 @@ class StaticScene:
         self._gpu.write(self.meter, np.zeros(2 * self.count, np.float32))
 
     def view(self, camera: int, draw: np.ndarray, drawing: Drawing) -> Buffers:
-        """Return the buffers of a view by the names under which kernels read them.
-
-        Args:
-            camera: Number of the view.
-            draw: Block of the view: camera, near plane and background.
-            drawing: Drawing with the image size of the view.
-        """
+        """Return the buffers of a view by the names under which kernels read them. `drawing` has the image size of the view."""
         if camera not in self._views:
             self._views[camera] = self._freeze(draw, drawing)
             self.pairs = max(self.pairs, self._views[camera]["pairs"])

@@ -20,11 +20,7 @@ INTERFACE = "CUDA with gsplat"
 
 
 class GsplatGpu:
-    """An NVIDIA GPU of PyTorch whose programs call gsplat.
-
-    Attributes:
-        device: Device of the tensors.
-    """
+    """An NVIDIA GPU of PyTorch whose programs call gsplat."""
 
     def __init__(self, device: str = "cuda") -> None:
         self.device = torch.device(device)

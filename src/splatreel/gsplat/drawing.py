@@ -25,11 +25,6 @@ class Lens:
     """A view on the device.
 
     Attributes:
-        viewmat: [4, 4] world to camera.
-        K: [3, 3] pixels.
-        center: [3], the camera's position.
-        width: Pixels.
-        height: Pixels.
         antialias: Opacities are reduced by the area that antialiasing adds to splats.
         clear: Depth up to which static points are not drawn, world units.
         background: [3]; None is black.
@@ -91,12 +86,7 @@ def splats_of(
 ) -> Splats:
     """Deform points, project them and compute their colors relative to the background. Differentiable.
 
-    Args:
-        points: Tensors in the order of `trainable_points.NAMES`.
-        offsets: dx [N, 3] and dq [N, 4]; None for none.
-        shade: [N, 4], added to c_base and to the logit of the opacity; None for none.
-        lens: View.
-        near: Smallest depth drawn, world units.
+    `offsets` are dx [N, 3] and dq [N, 4]. `shade` [N, 4] is added to c_base and to the logit of the opacity.
     """
     means, quats, log_scales, logits, base, rest = points
     if shade is not None:
@@ -133,13 +123,10 @@ def _project(means: Tensor, quats: Tensor, scales: Tensor, lens: Lens, near: flo
 def rasterize(
     splats: Splats, lens: Lens, absolute: Tensor | None = None, tiles: Tensor | None = None
 ) -> tuple[Tensor, Tensor]:
-    """Return image and alpha over black.
+    """Return image and alpha over black, of splats with any number of channels.
 
-    Args:
-        splats: N splats with any number of channels.
-        lens: View.
-        absolute: [N, 2], to which the backward pass adds the sums over pixels of the absolute gradients of `means2d`; None for none.
-        tiles: [rows, columns] bool, the tiles to draw; gsplat leaves all other tiles empty.
+    The backward pass adds the sums over pixels of the absolute gradients of `means2d` to `absolute` [N, 2]. gsplat
+    leaves all tiles empty but those of `tiles` [rows, columns] bool.
     """
     means2d, conics, colors, opacities, depths, radii = splats
     width, height = lens.width, lens.height
@@ -253,14 +240,7 @@ def surfaces(
 ) -> Tensor:
     """Return the weighted losses of surfaces, see `method.train.terms.surfaces`. Only opacities get gradients.
 
-    Args:
-        splats: Projected points.
-        lens: View.
-        near: Near plane, world units.
-        image: [H, W, 3] uint8 target.
-        spread: Weight of points in front of surfaces.
-        roughness: Weight of bends in depth.
-        span: Typical viewing distance in multiples of the near plane.
+    `span` is the typical viewing distance in multiples of the near plane.
     """
     depth = (splats.depths.clamp_min(near) / near).log()
     sums, alpha = rasterize(splats._replace(colors=torch.stack([depth, depth.square(), depth**3], 1)), lens)

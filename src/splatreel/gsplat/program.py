@@ -42,12 +42,7 @@ D = TypeVar("D", Draw, KeyframeDraw)
 
 @dataclass
 class Trained:
-    """An array of the host that is trained on the device, with its moments.
-
-    Attributes:
-        host: Optimizer of the host, whose steps are counted there.
-        parameter, mean, square: Tensors of the shape of the host's arrays.
-    """
+    """An array of the host that is trained on the device, with its moments. Steps are counted by the optimizer of the host."""
 
     host: Adam
     parameter: Tensor
@@ -128,12 +123,7 @@ class Meter:
 
 
 class GsplatProgram(ABC, Generic[D]):
-    """Points, images, views and static points on the device. D: a draw. See `programs.Program`.
-
-    Attributes:
-        images: Images in use.
-        device: Device of the tensors.
-    """
+    """Points, images, views and static points on the device. D: a draw. See `programs.Program`."""
 
     def __init__(
         self, device: torch.device, points: TrainablePoints, static: StaticCache | None, images: TrainingImages
@@ -274,7 +264,6 @@ class GsplatKeyframeProgram(GsplatProgram[KeyframeDraw]):
         return [mean.cpu().numpy() for mean in self._averages]
 
     def _iterate(self, draw: KeyframeDraw) -> tuple[Tensor, Tensor]:
-        """Run one iteration."""
         place = self.images.of_iteration(draw.iteration)[1] + draw.camera
         lens, near = self.lens(place), self.images.near
         points = [one.leaf() for one in self.canonical]
@@ -342,12 +331,7 @@ GROUP_TERMS = Photometric, Rigidity, Smoothness, ViewDependence
 
 
 class GsplatGroupProgram(GsplatProgram[Draw]):
-    """Program of a group, see `Program`.
-
-    Attributes:
-        neighbors: Nearest neighbors; None for fewer than two points.
-        learns_time: Slopes of the time offsets are measured.
-    """
+    """Program of a group, see `GroupProgram`."""
 
     def __init__(self, device: torch.device, state: GroupState) -> None:
         super().__init__(device, state.points.canonical, state.density.static, state.images)
@@ -385,7 +369,6 @@ class GsplatGroupProgram(GsplatProgram[Draw]):
         density.static_meter.sum, density.static_meter.seen = self._static_meter.arrays()
 
     def _iterate(self, draw: Draw) -> tuple[Tensor, Tensor]:
-        """Run one iteration."""
         place = self.images.of_iteration(draw.iteration)[1] + draw.camera
         lens, pixels = self.lens(place), self.lens(place).width * self.lens(place).height
         self._extend_to(draw.last)

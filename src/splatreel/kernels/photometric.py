@@ -60,20 +60,15 @@ def loss_and_gradient(
 ) -> Gradient:
     """Return the loss of (image + background) * gain against the target, and its gradient.
 
-    Args:
-        image: [H, W, 3] float32.
-        target: [H, W, 3] float32, 0..1, or uint8.
-        lambda_dssim: Weight of 1 - SSIM, 0..1.
-        gain: [3] float32. None: 1.
-        tiles: [ceil(H / 16), ceil(W / 16)] bool, the tiles whose gradient is wanted. None: all. The loss leaves out the terms that do
-            not depend on these tiles, which are a constant.
-        background: [3] float32. None: 0.
-        zeros: Whether the gradient is zero in all other tiles. If not, it is undefined there.
+    Only gradients of `tiles` [ceil(H / 16), ceil(W / 16)] bool are wanted: the loss leaves out the terms that do not
+    depend on them, which are a constant, and the gradient elsewhere is undefined unless `zeros`. The target is [H, W,
+    3] float32, 0..1, or uint8. `gain` and `background` are [3].
 
     Raises:
         GaussiansError: The shapes do not fit.
 
-    Source: 3D Gaussian Splatting, section 5.1.
+    Source:
+    3D Gaussian Splatting, section 5.1.
     """
     if image.shape != target.shape or image.shape[-1] != 3:
         raise GaussiansError(
@@ -290,21 +285,10 @@ def loss_and_gradient_among(
 ) -> tuple[float, rasterize.Gradients]:
     """Return the loss of (image + background) * gain against the target, see `loss_and_gradient`, and its gradients.
 
-    The splats are drawn into the image of the frozen splats, which is restored afterwards. So two threads must not use the same frozen
-    splats at once.
-
-    Args:
-        bins: The splats, sorted into tiles.
-        colors: [N, 3].
-        frozen: The frozen splats to draw among.
-        target: [H, W, 3] float32, 0..1, or uint8.
-        lambda_dssim: Weight of 1 - SSIM, 0..1.
-        gain: [3]. None: 1.
-        background: [3]. None: 0.
-        where: [N] bool. If given, `bins` has all splats of the view, the frozen ones too, and only tiles that a splat of `where`
-            touches are drawn and compared.
-        whole: Whether the loss is that of the whole image. If not, it leaves out a constant, see `loss_and_gradient`.
-        unknown: [H, W] bool, pixels without a target, which cause no loss. The target is uint8 then.
+    The splats are drawn into the image of the frozen splats, which is restored afterwards. So two threads must not use
+    the same frozen splats at once. With `where` [N] bool, `bins` has all splats of the view, the frozen ones too, and
+    only tiles that a splat of `where` touches are drawn and compared. Unless the loss is that of the `whole` image, it
+    leaves out a constant. Pixels of `unknown` [H, W] cause no loss; the target is uint8 then.
     """
     tiles = bins.counts > 0 if where is None else tiles_of(bins, where)
     among = frozen if where is None else None

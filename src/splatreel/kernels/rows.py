@@ -193,12 +193,8 @@ Body = Callable[..., Sequence[Any] | None]
 def row_loop(integers: int, floats: int = 0, results: int = 0) -> Callable[[Body], Any]:
     """Decorate a function that builds LLVM code. The result can be called in numba code.
 
-    It takes a float32 array, then int64 and then float32 numbers.
-
-    Args:
-        integers: Number of int64 arguments.
-        floats: Number of float32 arguments.
-        results: Number of float32 results, returned as a tuple. 0: it returns nothing.
+    It takes a float32 array, then numbers of int64 and float32 arguments, and returns a tuple of float32 results, or
+    nothing.
     """
 
     def decorate(build: Body) -> Any:
