@@ -1,4 +1,7 @@
-"""A GPU: buffers, kernels and dispatches, whatever interface it is reached through."""
+"""A GPU: buffers, kernels and dispatches, whatever interface it is reached through.
+
+Kernels are WGSL files of the folder `shaders`, put together for one size of workgroups.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Drawing on the GPU: projection, sorting into tiles, blending, the photometric loss, and all gradients."""
+"""Drawing on the GPU: projection, sorting into tiles, blending, the photometric loss, and all gradients.
+
+The uniform block of a draw has the fields that `shaders/common.wgsl` declares, in the same order.
+"""
 
 from __future__ import annotations
 
@@ -237,7 +240,10 @@ LOGIT = 10
 
 
 class StaticScene:
-    """Static points, hidden ones included, and what each view knows of them. `pairs` is the largest number of pairs of a view."""
+    """Static points, hidden ones included. Each view projects and sorts them once, and draws them once alone.
+
+    `pairs` is the largest number of (splat, tile) pairs of a view so far.
+    """
 
     def __init__(self, gpu: Gpu, params: np.ndarray) -> None:
         """Prepare static points. `params` [columns, S] are those of `Drawing.set_points`."""

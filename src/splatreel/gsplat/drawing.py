@@ -1,4 +1,4 @@
-"""Projection and drawing by gsplat, and frozen splats of which only the tiles that others touch are drawn again."""
+"""Projection and drawing by gsplat, frozen splats of which only the tiles that others touch are drawn again, and losses."""
 
 from __future__ import annotations
 

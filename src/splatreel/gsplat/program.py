@@ -1,4 +1,4 @@
-"""Parts that the programs of groups and keyframes share: points, images, views and static points on the device, and Adam."""
+"""Iterations of keyframes and groups with gsplat: points, images, views and static points on the device, and Adam."""
 
 # pyright: reportPrivateImportUsage=false
 # (torch documents `_foreach_mul_` and its like, and its own optimizers use them, but the names are not exported)

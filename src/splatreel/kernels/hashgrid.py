@@ -31,7 +31,7 @@ def forward(coords: np.ndarray, table: np.ndarray, resolutions: np.ndarray) -> n
         GaussiansError: The shapes do not fit.
 
     Source:
-    Instant-NGP, section 3.
+        Instant-NGP, section 3.
     """
     levels, size, features = table.shape
     if resolutions.shape != (levels, 3) or resolutions.min() < 1 or size & (size - 1):

@@ -88,6 +88,9 @@ second on they do not: the pixel is a white wall that was gray."""
 def exposures(frames: np.ndarray, reference: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Return the logarithms of each camera's exposure [T, C, 3] and of the light [T, 3], relative to the reference or the first frame.
 
+    Automatic exposure and clouds multiply all pixels of a camera by the same factor. Comparisons of frames would take such a change
+    for motion, and static points cannot follow it (beyond the paper). Local changes, such as light from a wall, remain.
+
     An image changes by the sum of both: the factor that most blocks agree on, if it exceeds `MIN_SPREADS` times their
     spread. The light is the common part of all cameras, if it exceeds `MIN_STANDARD_ERRORS` standard errors. Both
     shrink to zero near their limit.

@@ -364,7 +364,11 @@ CONVENTIONS: dict[str, Callable[[list[Camera]], list[Camera]]] = {
 
 
 def recognize_convention(cameras: list[Camera], features: list[Features], matches: Matches) -> str | None:
-    """Return the name of the convention that the poses follow, if the features fit it and do not fit the required one."""
+    """Return the name of the convention that the poses follow, if the features fit it and do not fit the required one.
+
+    Some files hold camera-to-world matrices, or OpenGL's axes. Such matrices look like any others, but features of neighboring
+    cameras then lie off their epipolar lines, or behind the cameras.
+    """
     said, _ = share_of_fitting(cameras, features, matches)
     if said > FITS:
         return None

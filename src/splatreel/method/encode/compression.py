@@ -1,4 +1,7 @@
-"""Compression of new static points and of finished groups (paper section 4.3). Nothing is written here."""
+"""Compression of new static points and of finished groups (paper section 4.3). Nothing is written here.
+
+The encoder distributes bits by the importance of points: how much the images depend on each.
+"""
 
 from __future__ import annotations
 

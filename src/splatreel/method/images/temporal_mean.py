@@ -1,4 +1,4 @@
-"""Temporal mean of a keyframe's images: pixels that do not move are averaged over the frames of the group, against noise."""
+"""Means of images over time: the temporal mean of a keyframe, against noise, and the clean plates of a video, without people."""
 
 from __future__ import annotations
 
@@ -55,7 +55,10 @@ class CleanPlates(NamedTuple):
 
 
 def clean_plates(frames: np.ndarray) -> CleanPlates:
-    """Compute clean plates from frames [S, C, H, W, 3] uint8, sampled evenly through a video, with exposure and light evened out."""
+    """Compute clean plates from frames [S, C, H, W, 3] uint8, sampled evenly through a video, with exposure and light evened out.
+
+    They show the permanent scene, without people, from which every chapter can start.
+    """
     found = threads.map_parallel(_plate, frames.swapaxes(0, 1))
     return CleanPlates(np.stack([image for image, _ in found]), np.stack([unknown for _, unknown in found]))
 

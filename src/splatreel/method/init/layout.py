@@ -1,4 +1,4 @@
-"""Measures of a scene, its up direction included. Learning rates and thresholds are relative to them."""
+"""Measures of a scene, its up direction included, and limits of viewpoints. Learning rates and thresholds are relative to them."""
 
 from __future__ import annotations
 

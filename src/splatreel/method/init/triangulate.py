@@ -1,4 +1,4 @@
-"""Sparse points from feature matches between cameras with known poses.
+"""Image features, and sparse points from their matches between cameras with known poses.
 
 Only features near each other's epipolar line are compared. Repeated texture then does less harm than in matching without poses,
 and more weak features survive. Two-view matches are often false, so a point must be seen by three cameras.

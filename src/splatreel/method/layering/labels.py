@@ -1,4 +1,7 @@
-"""Motion layering at a keyframe (paper section 4.1): separation of static, dynamic and relit points."""
+"""Motion layering at a keyframe (paper section 4.1): separation of static, dynamic and relit points.
+
+`DYNAMIC_LABEL` divides static from dynamic points. Points whose light changes, such as in a shadow, are found beyond the paper.
+"""
 
 from __future__ import annotations
 
@@ -167,7 +170,9 @@ MAX_CHANGED_SHARE = 0.2
 def changes_of_light(points: Gaussians, cameras: list[Camera], frames: np.ndarray, near: float) -> np.ndarray:
     """Return the logarithm [T, N] float32 of the brightness of static points, relative to the keyframe; 0 for no change.
 
-    Points are 0 in all frames if the views disagree, or if they change like most of an image.
+    Flow sees a shadow move, or nothing at all; in truth the content changes color and stays in place. All views that see a point
+    see it darken by the same factor. Of a body that passes in front of it, each view shows another part. Points are 0 in all frames
+    if the views disagree, or if they change like most of an image.
     """
     found = np.zeros((len(frames), len(points)), np.float32)
     if len(frames) <= MIN_FRAMES or len(points) == 0:

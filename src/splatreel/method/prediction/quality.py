@@ -1,4 +1,7 @@
-"""Measures of how well cameras cover a scene, the quality of novel views to expect, and the verdict of `capture check`."""
+"""Measures of how well cameras cover a scene, the quality of novel views to expect, and the verdict of `capture check`.
+
+Masks of a subject confirm poses as shared points do (`Silhouettes`).
+"""
 
 from __future__ import annotations
 
@@ -382,7 +385,11 @@ class _WrongPoses:
 
 
 class Silhouettes:
-    """Masks [M, C, H, W] of a subject at M moments, whose fit to each other is measured at the given poses and at wrong ones."""
+    """Masks [M, C, H, W] of a subject at M moments, whose fit to each other is measured at the given poses and at wrong ones.
+
+    The mask of each camera must fit the visual hull of the others. Large masks fit at any poses. So masks confirm poses only if
+    they would not fit at wrong ones.
+    """
 
     def __init__(self, cameras: Sequence[Camera], masks: np.ndarray, focus: np.ndarray, near: float) -> None:
         self._cameras = list(cameras)

@@ -219,7 +219,15 @@ STEPS = (1.0, 0.5, 0.25)
 
 
 class RigidPatches:
-    """Patches of points."""
+    """Groups of neighboring points, moved as rigid bodies to where all views show their colors.
+
+    They track small, thin or fast content, for which optical flow fails. Around a bat that swings by twice its width, a patch of
+    pixels contains mostly background. A patch of points knows its earlier motion, the motion of its neighbors, and its colors in
+    many views. As in PatchMatch, good motions are passed on between patches and refined by small steps, in turns.
+
+    Source:
+        Barnes et al. 2009.
+    """
 
     def __init__(self, points: np.ndarray, views: Views) -> None:
         self.colors = rigid.sample_colors(points, views)[1]

@@ -253,7 +253,9 @@ def large_displacements(
 ) -> np.ndarray:
     """Return the motions [N, 3] float32 of new points between two moments; zero where no motion explains the images clearly better.
 
-    `depths` [C, H, W] are of occluders at the first moment.
+    Optical flow misses fast, small content unless it starts from a guess. Each object, a connected cluster of points, is shifted
+    as a whole to places around it, up to three times its size away. The shift for which all views show the same colors is its
+    motion. `depths` [C, H, W] are of occluders at the first moment.
     """
     motions = np.zeros(points.shape, np.float32)
     views = np.stack([c.viewmat for c in cameras]), np.stack([c.K for c in cameras]), here, there, depths, near

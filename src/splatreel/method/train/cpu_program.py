@@ -1,4 +1,4 @@
-"""Iterations on the CPU: a fixed order of kernels, and two draws at a time."""
+"""Iterations of keyframes and groups on the CPU: a fixed order of kernels, and two draws at a time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Density control of keyframes and groups: densification (3DGS), conversion of static points (paper section 4.1) and pruning."""
+"""Density control: densification (3DGS), conversion of static points (paper section 4.1), pruning,
+opacity resets, and new points where images differ most from their targets."""
 
 from __future__ import annotations
 
@@ -349,7 +350,14 @@ MAX_RECOVERY = 0.1
 
 
 class OpacityResets:
-    """Times of the resets and prunings of one training, as numbers of finished iterations."""
+    """Opacity resets of a first keyframe, and the prunings of points that recover least, by numbers of finished iterations.
+
+    A reset makes all points faint. Points that images need become opaque again within a few dozen iterations. Points behind others,
+    in front of a surface or next to similar ones do not. Opacity tells them apart only after a reset.
+
+    Source:
+        Recovery-aware pruning of Improved-GS (Deng et al. 2025).
+    """
 
     def __init__(self, total: int, views: int) -> None:
         wait = max(RECOVERY, math.ceil(RECOVERY_ROUNDS * views))
@@ -437,7 +445,12 @@ class _Relation:
 
 
 class RayDepths:
-    """Search for depths in the training images of one frame."""
+    """Depths of single pixels that several training views agree on, searched along the pixels' rays.
+
+    The rendered depth of a plain wall is often wrong where a dot is missing. A point at this depth draws the dot correctly in its
+    own view only. A patch around the pixel, with the slope of the rendered surface, is therefore compared with the neighboring
+    views at several depths.
+    """
 
     def __init__(self, images: TrainingImages) -> None:
         self.views = images.views
@@ -543,6 +556,7 @@ def points_at_errors(
 ) -> dict[str, np.ndarray]:
     """Return up to `count` new points in random pixels, as unconstrained arrays. A pixel's probability is its error times 1 - SSIM.
 
+    Gradients of positions are small where a detail is missing altogether, such as a dot on a plain wall. Errors show it.
     A point takes the color of its pixel, and the depth that neighboring views agree on (`RayDepths`), else the rendered
     depth. `bands` is the number of its harmonics beyond the constant.
     """

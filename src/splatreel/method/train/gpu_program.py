@@ -1,4 +1,4 @@
-"""Parts that the GPU programs of groups and keyframes share: points and images on the device, and batches of draws."""
+"""Iterations of keyframes and groups on a GPU: points and images on the device, and batches of draws."""
 
 from __future__ import annotations
 

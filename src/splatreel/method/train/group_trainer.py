@@ -1,4 +1,7 @@
-"""Training of a group (paper section 4.2): dynamic points and their deformation, fitted to all frames of one group."""
+"""Training of a group (paper section 4.2): dynamic points and their deformation, fitted to all frames of one group.
+
+`FrameSchedule` orders the images: progressive frame sampling (section 4.2), then rounds over all images.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Training of a keyframe with 3DGS, from sparse points or from the previous group (paper section 5.1)."""
+"""Training of a keyframe with 3DGS, from sparse points or from the previous group (paper section 5.1).
+
+The result is the running mean of the last iterations (`Average`).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Training stages of a run: the first keyframe, later keyframes and groups."""
+"""Training stages of a run: the first keyframe of a video or a chapter, later keyframes, and groups."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A term of the sum that training minimizes, and the state of an iteration that terms read and add gradients to."""
+"""A term of the sum that training minimizes, and the state of an iteration that terms read and add gradients to.
+
+The state includes an image of depths (`Depths`) and the nearest neighbors of points, which should move alike (paper section 4.2).
+"""
 
 from __future__ import annotations
 
