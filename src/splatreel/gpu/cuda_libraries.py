@@ -1,4 +1,4 @@
-"""NVIDIA's driver, its devices, and its run-time compiler (NVRTC), called through ctypes. Neither the CUDA toolkit nor torch is needed."""
+"""NVIDIA's driver, its devices and its run-time compiler (NVRTC), through ctypes. Neither the CUDA toolkit nor torch is needed."""
 
 from __future__ import annotations
 

@@ -285,11 +285,11 @@ def loss_and_gradient_among(
 ) -> tuple[float, rasterize.Gradients]:
     """Return the loss of (image + background) * gain against the target, see `loss_and_gradient`, and its gradients.
 
-    There is no pass over the whole image: if a tenth of a megapixel image changes, copying and clearing the unchanged rest would
-    take longer than everything else. The splats are drawn into the image of the frozen splats, which is restored afterwards. So two threads must not use
-    the same frozen splats at once. With `where` [N] bool, `bins` has all splats of the view, the frozen ones too, and
-    only tiles that a splat of `where` touches are drawn and compared. Unless the loss is that of the `whole` image, it
-    leaves out a constant. Pixels of `unknown` [H, W] cause no loss; the target is uint8 then.
+    There is no pass over the whole image: if a tenth of a megapixel image changes, copying and clearing the unchanged rest
+    would take longer than everything else. The splats are drawn into the image of the frozen splats, which is restored
+    afterwards. So two threads must not use the same frozen splats at once. With `where` [N] bool, `bins` has all splats of
+    the view, the frozen ones too, and only tiles that a splat of `where` touches are drawn and compared. Unless the loss is
+    that of the `whole` image, it leaves out a constant. Pixels of `unknown` [H, W] cause no loss; the target is uint8 then.
     """
     tiles = bins.counts > 0 if where is None else tiles_of(bins, where)
     among = frozen if where is None else None

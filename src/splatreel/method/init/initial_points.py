@@ -306,8 +306,9 @@ def close_surface(
 ) -> InitialPoints:
     """Return the first points within the carved hull, and a point in each cell of its surface.
 
-    Points that few cameras match cover a part of the subject only. The hull of the masks encloses the rest. Cells that several
-    cameras see in different colors are carved away. A cell that no camera sees takes the color of the nearest seen one. `hull` is the visual hull of the subject. `images` [C, H, W, 3] lack their backgrounds.
+    Points that few cameras match cover a part of the subject only. The hull of the masks encloses the rest. Cells that
+    several cameras see in different colors are carved away. A cell that no camera sees takes the color of the nearest seen
+    one. `hull` is the visual hull of the subject. `images` [C, H, W, 3] lack their backgrounds.
 
     Source:
         Kutulakos and Seitz 2000, "A theory of shape by space carving".

@@ -1,5 +1,7 @@
-"""Density control: densification (3DGS), conversion of static points (paper section 4.1), pruning,
-opacity resets, and new points where images differ most from their targets."""
+"""Density control: densification (3DGS), conversion of static points (paper section 4.1) and pruning.
+
+A first keyframe also has opacity resets, and new points where images differ most from their targets.
+"""
 
 from __future__ import annotations
 

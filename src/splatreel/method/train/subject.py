@@ -19,8 +19,9 @@ from splatreel.scene.gaussians import C0
 def with_opposite(images: TrainingImages, alpha: np.ndarray) -> TrainingImages:
     """Return training images of a subject together with the same images over the opposite backgrounds.
 
-    Each camera has one color behind its subject. A point that only this camera sees, beside the subject, can take that color, and is
-    then a halo in novel views. Over the color and its opposite in turn, only transparency is right. `alpha` [T, C, H, W] uint8 is the subject's opacity; pixels in doubt become unknown.
+    Each camera has one color behind its subject. A point that only this camera sees, beside the subject, can take that
+    color, and is then a halo in novel views. Over the color and its opposite in turn, only transparency is right. `alpha`
+    [T, C, H, W] uint8 is the subject's opacity; pixels in doubt become unknown.
     """
     if (unknown := is_doubtful(alpha)).any():
         images = replace(images, unknown=unknown if images.unknown is None else unknown | images.unknown)
@@ -64,8 +65,8 @@ LEAST = 1e-4
 def spread_colors(points: TrainablePoints, images: TrainingImages, static: StaticCache | None) -> None:
     """Give points that no view shows well the mean color of their neighbors. It depends on the view as little as they are seen.
 
-    Few cameras leave much of a surface unseen, or see it along its edge. The color of a point there fits a few mixed pixels, and a
-    novel view shows it at full size.
+    Few cameras leave much of a surface unseen, or see it along its edge. The color of a point there fits a few mixed
+    pixels, and a novel view shows it at full size.
     """
     count = min(NEIGHBORS + 1, len(points) - 1)
     if count < 1:
