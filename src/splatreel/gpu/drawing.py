@@ -152,9 +152,9 @@ class Drawing:
         """Wait, and return the number of pairs that did not fit; 0 if all fit."""
         return int(self.gpu.read(self.buffers["status"], np.uint32, (1,))[0])
 
-    def grow(self, needed: int, static_pairs: int = 0, measured: bool = False) -> None:
+    def grow(self, needed: int) -> None:
         """Make room for pairs that did not fit, and let kernels run again."""
-        self.fit_pairs(needed, static_pairs, measured)
+        self.fit_pairs(needed)
         self.gpu.write(self.buffers["status"], np.zeros(1, np.uint32))
 
     def record_pairs(self, to: Recording, buffers: Buffers, count: int | None = None) -> None:

@@ -22,8 +22,8 @@ INTERFACE = "CUDA with gsplat"
 class GsplatGpu:
     """An NVIDIA GPU of PyTorch whose programs call gsplat."""
 
-    def __init__(self, device: str = "cuda") -> None:
-        self.device = torch.device(device)
+    def __init__(self) -> None:
+        self.device = torch.device("cuda")
 
     def unsupported(self, state: GroupState | KeyframeState) -> str | None:
         """Return why the programs cannot train a state; None if they can."""

@@ -27,6 +27,8 @@ SAM2 = Pretrained(
 SAM2_CONFIG = "configs/sam2.1/sam2.1_hiera_l.yaml"
 LEAST_AREA = 0.0005
 """Minimum area of a part of a mask to prompt SAM2, as a share of the image."""
+MOST_OBJECTS, MOST_PROMPTS = 8, 5
+"""Largest number of parts of a mask that prompt SAM2, each as an object, and of prompts of each."""
 
 
 class Sam2Segmenter:
@@ -41,26 +43,19 @@ class Sam2Segmenter:
         weights: Path | None = None,
         config: str = SAM2_CONFIG,
         device: str | None = None,
-        objects: int = 8,
-        points: int = 5,
-        seed: int = 0,
         predictor: Any = None,
     ) -> None:
         """Load the network. Nothing is downloaded. `weights` fit `config`; None uses SPLATREEL_SAM2_WEIGHTS or torch's cache.
 
-        Each part of a mask is an object; at most `objects` get up to `points` prompts. Missing packages or weights, or
-        weights of another configuration, raise a `MissingDependencyError`.
+        Missing packages or weights, or weights of another configuration, raise a `MissingDependencyError`.
         """
         self.predictor = predictor if predictor is not None else _load_predictor(weights, config, device)
-        self.objects = objects
-        self.points = points
-        self.seed = seed
 
     def complete(self, masks: np.ndarray, images: np.ndarray) -> np.ndarray:
         """Return the masks united with those of SAM2 (M = M_raft + M_sam); see `Segmenter`."""
         completed = masks.copy()
         start = int(masks.sum((1, 2)).argmax())
-        prompts = object_prompts(masks[start], self.objects, self.points, self.seed)
+        prompts = object_prompts(masks[start], MOST_OBJECTS, MOST_PROMPTS, seed=0)
         if not prompts:
             return completed
         # SAM2 draws progress bars over the display of the run, and warns that its CUDA extension was not compiled.

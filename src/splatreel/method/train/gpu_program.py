@@ -431,15 +431,13 @@ class GpuGroupProgram(GpuProgram):
         block["rows"] = len(model.nodes), model.skin[0].shape[1], model.knots, knots
         block["links"][:3] = draw.rank or 0, 4 if draw.span else 1, model.reached + 1
         self._set_moments(block, draw)
-        flags = MOVED
-        for flag, on in (
-            (SHADED, appearance is not None),
-            (WHOLE, draw.whole),
-            (METERED, draw.metered),
-            (METERED_STATIC, draw.metered_static and bool(static)),
-        ):
-            flags |= flag if on else 0
-        block["numbers"][0] |= flags
+        block["numbers"][0] |= (
+            MOVED
+            | SHADED * (appearance is not None)
+            | WHOLE * draw.whole
+            | METERED * draw.metered
+            | METERED_STATIC * (draw.metered_static and bool(static))
+        )
         for k, (name, adam) in enumerate(self._points.adams.items()):
             rate = self._points.base_rates[name] * draw.pace * 0.1**draw.share
             block["adam"][k] = adam_row(rate, steps[k], adam.eps)
@@ -627,15 +625,13 @@ class GpuKeyframeProgram(GpuProgram):
         near = self.images.near
         block["surfaces"] = before, bent, near, self.images.unit / near
         block["meters"][0] = draw.average
-        flags = SCALED_STEPS
-        for flag, on in (
-            (WHOLE, draw.whole),
-            (METERED, draw.metered),
-            (ABSOLUTE, self._state.measures_absolute),
-            (LEARNS_GAINS, draw.whole and self._gains.enabled),
-        ):
-            flags |= flag if on else 0
-        block["numbers"][0] |= flags
+        block["numbers"][0] |= (
+            SCALED_STEPS
+            | WHOLE * draw.whole
+            | METERED * draw.metered
+            | ABSOLUTE * self._state.measures_absolute
+            | LEARNS_GAINS * (draw.whole and self._gains.enabled)
+        )
         for k, adam in enumerate(self._points.adams.values()):
             block["adam"][k] = adam_row(draw.rates[k], steps[k], adam.eps)
         block["adam"][9] = adam_row(self._gains.adam.rate, max(learned, 1), self._gains.adam.eps)
