@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Protocol
 
 import cv2
@@ -61,6 +62,7 @@ def train_first_keyframe(
     keyframe, gains = config.keyframe, known_gains(data, config)
     trainer = first_keyframe_trainer(positions, colors, data.layout, data.cameras, gains, config, data.gpu)
     trainer.watch = watch
+    trainer.density.hull = data.hull
     return _trained(data, trainer, keyframe.first_iterations, keyframe.coarse_share, config, progress, unknown)
 
 
@@ -83,6 +85,7 @@ def refine_keyframe(
         region=data.layout.volume(data.cameras),
         gpu=data.gpu,
     )
+    trainer.density.hull = data.hull
     return _trained(data, trainer, keyframe.refine_iterations, 0.0, config, progress)
 
 
@@ -141,7 +144,6 @@ def _trained(
 ) -> KeyframeResult:
     images = temporal_mean(data.images) if config.keyframe.temporal_mean else data.images[0]
     unknown = data.unknown if unknown is None else unknown
-    trainer.density.hull = data.hull
     alpha = None if data.alpha is None else data.alpha[0]
     train_frame(trainer, data.cameras, images, data.layout, iterations, coarse, config, progress, unknown, alpha)
     return KeyframeResult(trainer.points.gaussians(), trainer.gains.values.copy())
@@ -175,10 +177,9 @@ def start_chapter(data: GroupInput, static: StaticPoints, config: Config, progre
     points, colors = _thinned(*_places(data, found, missing), most / max(len(found.points), 1), data.seed)
     if len(points) == 0:
         return KeyframeResult(Gaussians.empty(keyframe.sh_degree), data.gains, static.alive)
-    gains = known_gains(data, config)
     trainer = KeyframeTrainer(
         starting_points(points, colors, keyframe, data.unit),
-        gains,
+        known_gains(data, config),
         keyframe,
         static=static.living,
         max_points=most,
@@ -187,20 +188,8 @@ def start_chapter(data: GroupInput, static: StaticPoints, config: Config, progre
         region=data.layout.volume(data.cameras),
         gpu=data.gpu,
     )
-    images = temporal_mean(data.images) if keyframe.temporal_mean else data.images[0]
-    train_frame(
-        trainer,
-        data.cameras,
-        images,
-        data.layout,
-        keyframe.first_iterations,
-        keyframe.coarse_share,
-        config,
-        progress,
-        data.unknown,
-        None if data.alpha is None else data.alpha[0],
-    )
-    return KeyframeResult(trainer.points.gaussians(), gains.values.copy(), static.alive)
+    trained = _trained(data, trainer, keyframe.first_iterations, keyframe.coarse_share, config, progress)
+    return replace(trained, alive=static.alive)
 
 
 def missing_in(data: GroupInput, static: StaticPoints) -> np.ndarray:
