@@ -116,7 +116,6 @@ def reconstruct_group(
         tracks = run("tracking", track_points, views, layers, static, start, config, run.progress)
         static = static if tracks.departed is None else static.without(tracks.departed)
     motion = run("motion", train_group, views, tracks, static, config, run.progress)
-
     rig = add_offsets(views.rig, motion.time_offsets, run.progress)
 
     # Section 4.3: compression.
