@@ -25,7 +25,7 @@ ALLOWED = {
     "cli/main.py": {"os.open"},
     "evaluation/lpips_weights.py": {"torch.load"},
     "evaluation/page/html.py": {"read_text"},
-    "gpu/kernel_source.py": {"read_text"},
+    "gpu/device.py": {"read_text"},
     "method/images/flow.py": {"torch.load"},
     "play/standalone.py": {"read_text", "read_bytes"},
     "play/web_app.py": {"read_text"},

@@ -31,7 +31,7 @@ from splatreel.evaluation.quality import ImageComparison, Quality
 from splatreel.evaluation.report import write_text
 from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels.image import render_image
-from splatreel.method.encode.importance import weigh
+from splatreel.method.encode.compression import weigh
 from splatreel.method.init.layout import Layout
 from splatreel.method.train.single_frame import reconstruct_single_frame
 from splatreel.play.timeline import Timeline, open_reel

@@ -21,7 +21,7 @@ from splatreel.kernels import splat
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.tracking.tracking import GroupStart
-from splatreel.method.train.cpu_group import CpuGroupProgram
+from splatreel.method.train.cpu_program import CpuGroupProgram
 from splatreel.method.train.density import MEASURE_EVERY
 from splatreel.method.train.group_trainer import GroupTrainer
 from splatreel.method.train.stages import group_trainer

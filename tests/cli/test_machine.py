@@ -7,7 +7,7 @@ import pytest
 from splatreel.cli.main import main
 from splatreel.gpu import adapters as module
 from splatreel.gpu.adapters import LEAST, Adapter
-from splatreel.gpu.cuda_devices import CudaDevice
+from splatreel.gpu.cuda_libraries import CudaDevice
 from splatreel.run import machine_speed
 
 

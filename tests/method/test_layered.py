@@ -10,7 +10,7 @@ from splatreel.base.progress import Silent
 from splatreel.kernels import splat
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.tracking.tracking import GroupStart
-from splatreel.method.train.cpu_group import CpuGroupProgram
+from splatreel.method.train.cpu_program import CpuGroupProgram
 from splatreel.method.train.group_trainer import GroupTrainer
 from splatreel.method.train.losses import GROUP
 from splatreel.method.train.programs import Draw

@@ -16,7 +16,7 @@ from splatreel.base.errors import ReconstructionError, UsageError
 from splatreel.cli.options import (
     CaptureAddress,
     CaptureFolder,
-    NewFolder,
+    OutFolder,
     check_out,
     parse_frames,
     parse_held_out,
@@ -397,7 +397,7 @@ def capture_convert(
         say(f"  {', '.join(renamed)}")
 
 
-def capture_film(out: NewFolder, /) -> None:
+def capture_film(out: OutFolder, /) -> None:
     """Write the built-in capture: a toy room that fourteen virtual cameras film, in the layout of Neu3DV.
 
     Args:

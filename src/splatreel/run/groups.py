@@ -13,7 +13,7 @@ from splatreel.capture.base import Capture
 from splatreel.capture.reading import FramePrefetcher
 from splatreel.codec.preview import remove_previews
 from splatreel.codec.preview_writer import write_preview
-from splatreel.method.algorithm import Handover, hand_over, reconstruct_group
+from splatreel.method.algorithm import NextGroup, Start, hand_over, reconstruct_group
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.init.layout import Layout
 from splatreel.method.init.visual_hull import is_sparse
@@ -31,7 +31,7 @@ def reconstruct_groups(
     spans: list[GroupSpan],
     capture: Capture,
     layout: Layout,
-    before: Handover,
+    before: Start,
     output: Output,
     plates: np.ndarray | None = None,
 ) -> None:
@@ -56,13 +56,13 @@ def run_group(
     job: Job,
     span: GroupSpan,
     frames: np.ndarray,
-    before: Handover,
+    before: Start,
     layout: Layout,
     output: Output,
     plates: np.ndarray | None = None,
     missing: np.ndarray | None = None,
     alpha: np.ndarray | None = None,
-) -> Handover:
+) -> NextGroup:
     """Reconstruct one group, with checkpoints, and write it. Return the state for the next group.
 
     Args:
@@ -104,7 +104,7 @@ def run_group(
     return after
 
 
-def restore_group(job: Job, span: GroupSpan, before: Handover) -> Handover:
+def restore_group(job: Job, span: GroupSpan, before: Start) -> NextGroup:
     """Return the state that a finished group passed on, from its checkpoints."""
     store = job.store.group(span.index)
     layer, static = store.layer(), before.static

@@ -20,7 +20,7 @@ from splatreel.capture.frame_table import load_tables, pack_tables
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.gpu.shared_gpu import SharedGpu
-from splatreel.method.algorithm import Handover
+from splatreel.method.algorithm import ChapterStart
 from splatreel.run.costs import Workload, chapter_plan, scene_plan, sequence_plan
 from splatreel.run.groups import reconstruct_groups
 from splatreel.run.job import Job, Plan
@@ -212,7 +212,7 @@ def _reconstruct_chapter(run: ChapteredRun, chapter: ChapterSpan, job: Job, outp
     if shared is None or plates is None or layout is None:
         raise _scene_is_missing(run)
     static = StaticPoints.none(run.config.keyframe.sh_degree).with_layer(shared.decoded)
-    before = Handover(shared_rig(job, run.capture), static)
+    before = ChapterStart(shared_rig(job, run.capture), static)
     reconstruct_groups(job, list(chapter.groups), run.capture, layout, before, output, plates.images)
 
 

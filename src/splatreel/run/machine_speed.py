@@ -19,7 +19,7 @@ from splatreel.base.errors import GpuError
 from splatreel.base.progress import Silent
 from splatreel.config import KeyframeConfig
 from splatreel.gpu.shared_gpu import SharedGpu
-from splatreel.kernels import binning, deform, rasterize, similarity
+from splatreel.kernels import binning, deform, photometric, rasterize
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
 from splatreel.method.train.render import NO_CHANGE, View
@@ -165,7 +165,7 @@ def _step(probe: Probe) -> Callable[[], None]:
         splats = seen.means2d, seen.conics, opacities, seen.depths, seen.radii
         bins = binning.bin_splats(*splats, probe.width, probe.height)
         image, alpha = rasterize.forward(bins, seen.colors)
-        compared = similarity.loss_and_gradient(image, target, 0.2)
+        compared = photometric.loss_and_gradient(image, target, 0.2)
         nothing = rasterize.no_gradient(alpha.shape)
         found = rasterize.backward(bins, seen.colors, image, compared.d_image, alpha, nothing)
         to_splats = found.means2d, found.conics, found.colors, found.opacities

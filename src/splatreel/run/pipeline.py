@@ -13,7 +13,7 @@ from splatreel.capture.opening import CaptureSource
 from splatreel.codec.preview import remove_previews
 from splatreel.config import Config
 from splatreel.config.settings import with_former_defaults
-from splatreel.method.algorithm import Handover
+from splatreel.method.algorithm import FirstGroup
 from splatreel.method.init.layout import check_region
 from splatreel.run.device_choice import largest_buffer, pick_gpu
 from splatreel.run.groups import reconstruct_groups
@@ -114,7 +114,7 @@ def reconstruct_sequence(run: ChapteredRun, progress: Progress, present: Present
         save_header(job, run.capture, rig, layout, soundtrack)
         writer = open_reel_writer(job, lock)
         static, seeds = StaticPoints.none(run.config.keyframe.sh_degree), job.store.initial_points()
-        before = Handover(rig, static, seeds=seeds)
+        before = FirstGroup(rig, static, seeds)
         make_output = RegionOutput if layout.region else ReelOutput
         output = make_output(writer, GroupWriter(writer, job.store), present)
         reconstruct_groups(job, run.groups, run.capture, layout, before, output)

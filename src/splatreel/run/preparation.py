@@ -9,8 +9,7 @@ from splatreel.capture.base import Capture
 from splatreel.capture.mask_shares import describe_shares, describe_sizes, mask_shares
 from splatreel.codec.writer import ReelWriter
 from splatreel.method.cameras.rig import Rig, check_first_poses
-from splatreel.method.init.layout import Layout
-from splatreel.method.init.limits import limits
+from splatreel.method.init.layout import Layout, limits
 from splatreel.method.prediction.quality import Coverage, cover
 from splatreel.method.train.single_frame import Subject, lay_out
 from splatreel.run.job import Job

@@ -12,7 +12,7 @@ from splatreel.method.cameras.exposure import measure_exposure, remove_exposure
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.encode.compression import Coding, compress_layer
-from splatreel.method.images.clean_plates import CleanPlates, clean_plates
+from splatreel.method.images.temporal_mean import CleanPlates, clean_plates
 from splatreel.method.init.initial_points import initial_points, near_plane
 from splatreel.method.init.layout import Layout, border_color, measure
 from splatreel.method.layering.lift import shares

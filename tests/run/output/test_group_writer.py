@@ -12,7 +12,7 @@ from splatreel.codec.header import ReelHeader
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verification import verify_reel
 from splatreel.config import EncodeConfig
-from splatreel.method.encode import importance
+from splatreel.method.encode import compression
 from splatreel.run.output import group_writer
 from splatreel.run.output.group_writer import GroupWriter, Region, open_writer
 from splatreel.run.output.reencode import reencode
@@ -49,7 +49,7 @@ def no_images(monkeypatch: pytest.MonkeyPatch) -> None:
     def weigh(*_: object) -> None:
         raise AssertionError("the run has measured the importance already")
 
-    monkeypatch.setattr(importance, "weigh", weigh)
+    monkeypatch.setattr(compression, "weigh", weigh)
 
 
 @pytest.mark.parametrize("workers", [1, 3])

@@ -27,10 +27,9 @@ from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.config.presets import DRAFT
 from splatreel.config.settings import changed, with_former_defaults
-from splatreel.method.algorithm import Handover
+from splatreel.method.algorithm import FirstGroup, NextGroup, Start
 from splatreel.method.cameras.rig import Rig
-from splatreel.method.encode.compression import CompressedGroup, CompressedLayer
-from splatreel.method.encode.importance import group_importance, weigh
+from splatreel.method.encode.compression import CompressedGroup, CompressedLayer, group_importance, weigh
 from splatreel.method.init.layout import Layout
 from splatreel.run.device_choice import largest_buffer, pick_gpu
 from splatreel.run.groups import restore_group, run_group
@@ -353,8 +352,8 @@ class _LiveRun:
                 done = span.index + 1
 
     def _reconstruct(
-        self, span: GroupSpan, frames: np.ndarray, before: Handover, layout: Layout, output: LiveOutput, live: LiveSpans
-    ) -> Handover:
+        self, span: GroupSpan, frames: np.ndarray, before: Start, layout: Layout, output: LiveOutput, live: LiveSpans
+    ) -> NextGroup:
         settings = self.lateness.settings(span.index, live.seconds_behind(span))
         self.edge = frames[span.own].copy() if span.own < len(frames) else None
         before = self._begin_group(span, before)
@@ -364,9 +363,10 @@ class _LiveRun:
         self._report(span, live)
         return before
 
-    def _skip_group(self, span: GroupSpan, before: Handover, layout: Layout, output: LiveOutput) -> Handover:
+    def _skip_group(self, span: GroupSpan, before: Start, layout: Layout, output: LiveOutput) -> NextGroup:
         """Write a skipped group."""
         before = self._begin_group(span, before)
+        assert isinstance(before, NextGroup)  # the first group of all is never skipped
         edge = self.edge if before.reference is None else before.reference
         if edge is None:
             edge = self.follower.capture.read(span.first, 1, before.rig.names)[0]
@@ -375,14 +375,14 @@ class _LiveRun:
         self.progress.note(f"Group {span.index + 1} skipped: nothing moves in it.")
         return before
 
-    def _begin_group(self, span: GroupSpan, before: Handover) -> Handover:
+    def _begin_group(self, span: GroupSpan, before: Start) -> Start:
         self.window.record_rig(span.index, before.rig)
         save_epochs(self.store, span.index)
-        if starts_epoch(span.index):
+        if isinstance(before, NextGroup) and starts_epoch(span.index):
             return replace(before, retired=trained_points(self.store, span.index - 1))
         return before
 
-    def _restore(self, rig: Rig, output: LiveOutput) -> tuple[Handover, int]:
+    def _restore(self, rig: Rig, output: LiveOutput) -> tuple[Start, int]:
         """Return the state after the finished groups, and the number of the next group."""
         first, degree = first_kept(self.store), self.config.keyframe.sh_degree
         done = first + self.store.finished_groups(first)
@@ -391,9 +391,9 @@ class _LiveRun:
             self.store.group(done).forget()
         rig = load_rig(self.store, rig)
         static = static_before(self.store, first, degree)
-        before = Handover(rig, static, Gaussians.empty(degree))
+        before: Start = NextGroup(rig, static, Gaussians.empty(degree))
         if first == 0:
-            before = Handover(rig, static, seeds=self.store.initial_points())
+            before = FirstGroup(rig, static, self.store.initial_points())
         live = self.spans(first)
         output.restore_layers(self.store, first, live)
         for index in range(first, done):
@@ -446,14 +446,13 @@ class LiveOutput(ReelOutput):
 
 
 def write_skipped_group(
-    job: Job, span: GroupSpan, before: Handover, edge: np.ndarray, layout: Layout, output: Output
-) -> Handover:
+    job: Job, span: GroupSpan, before: NextGroup, edge: np.ndarray, layout: Layout, output: Output
+) -> NextGroup:
     """Write a group in which nothing moves, since a reel needs every frame. The next group starts from the same state.
 
     `edge` has the images [C, H, W, 3] uint8 of the last frame before the gap.
     """
     still, count = before.dynamic, span.count
-    assert still is not None  # the first group of all is never skipped
     static = _rewrite_static(job, span, before, still, layout, output)
     dq = np.tile(np.array([1, 0, 0, 0], np.float32), (count, len(still), 1))
     light = np.tile(np.exp(before.rig.light), (count, 1)) if before.rig.light.any() else None
@@ -464,11 +463,11 @@ def write_skipped_group(
     with job.timed("encode"):
         importance = group_importance(output.header, encoder.config, static.points, group)[0]
         output.add_group(CompressedGroup(group, importance, STEPS, encoder.group(group, importance)))
-    return Handover(before.rig, static, still, reference=edge)
+    return NextGroup(before.rig, static, still, reference=edge)
 
 
 def _rewrite_static(
-    job: Job, span: GroupSpan, before: Handover, still: Gaussians, layout: Layout, output: Output
+    job: Job, span: GroupSpan, before: NextGroup, still: Gaussians, layout: Layout, output: Output
 ) -> StaticPoints:
     """Write the living static points again if their layers end at a skipped group. still: dynamic points of the group."""
     if before.retired is None:

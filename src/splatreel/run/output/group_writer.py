@@ -16,7 +16,7 @@ from splatreel.codec.header import ReelHeader
 from splatreel.codec.predictive.precision import Steps
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config, EncodeConfig
-from splatreel.method.encode.importance import Importance, group_importance
+from splatreel.method.encode.compression import Importance, group_importance
 from splatreel.method.init.layout import Layout
 from splatreel.run.output.sound_output import write_soundtrack
 from splatreel.run.store import Store, StoredGroup, StoredLayer

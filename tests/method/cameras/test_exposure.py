@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from splatreel.method.images.exposure_changes import even_out, exposures
+from splatreel.method.cameras.exposure import even_out, exposures
 
 FRAMES, CAMERAS = 8, 9
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from splatreel.method.train.terms import surfaces
-from splatreel.method.train.terms.depths import MIN_ALPHA, Depths, depth_powers
 from splatreel.method.train.terms.surfaces import Roughness, Spread, roughness
+from splatreel.method.train.terms.term import MIN_ALPHA, Depths, Neighbors, depth_powers
 
 SPAN = 3.0
 
@@ -65,3 +65,14 @@ def test_terms_of_one_iteration_share_the_image_of_depths() -> None:
         found.append(alone.to_drawing())
     for both_of, first, second in zip(both.to_drawing(), *found, strict=True):
         np.testing.assert_allclose(both_of, first + second, rtol=1e-4, atol=1e-7)
+
+
+def test_neighbors_are_ranked_and_weighted_by_distance():
+    means = np.array([[0, 0, 0], [1, 0, 0], [3, 0, 0], [3, 0.1, 0]], np.float32)
+    found = Neighbors.of(means, 8)
+    assert found is not None
+    assert found.index.shape == found.closeness.shape == (3, 4)
+    assert found.closeness.dtype == np.float32
+    assert found.index[0].tolist() == [1, 0, 3, 2]
+    assert (found.closeness[0] > found.closeness[2]).all()
+    assert Neighbors.of(means[:1], 8) is None

@@ -8,14 +8,17 @@ with a constant row stride, which stay in the cache. The window is then a sum at
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit, types
 
 from splatreel.base.errors import GaussiansError
-from splatreel.base.jit import B1, B2, F1, F2, F3, FLOAT, L1, U2, Kernel, kernel, range_kernel
+from splatreel.base.jit import B1, B2, F1, F2, F3, F4, FLOAT, L1, U2, Kernel, kernel, range_kernel
+from splatreel.kernels import rasterize
+from splatreel.kernels.binning import TILE, Bins, tiles_of
 from splatreel.kernels.scalars import ONE, TWO, ZERO, F, U
 
 RADIUS = 5
@@ -57,20 +60,15 @@ def loss_and_gradient(
 ) -> Gradient:
     """Return the loss of (image + background) * gain against the target, and its gradient.
 
-    Args:
-        image: [H, W, 3] float32.
-        target: [H, W, 3] float32, 0..1, or uint8.
-        lambda_dssim: Weight of 1 - SSIM, 0..1.
-        gain: [3] float32. None: 1.
-        tiles: [ceil(H / 16), ceil(W / 16)] bool, the tiles whose gradient is wanted. None: all. The loss leaves out the terms that do
-            not depend on these tiles, which are a constant.
-        background: [3] float32. None: 0.
-        zeros: Whether the gradient is zero in all other tiles. If not, it is undefined there.
+    Only gradients of `tiles` [ceil(H / 16), ceil(W / 16)] bool are wanted: the loss leaves out the terms that do not
+    depend on them, which are a constant, and the gradient elsewhere is undefined unless `zeros`. The target is [H, W,
+    3] float32, 0..1, or uint8. `gain` and `background` are [3].
 
     Raises:
         GaussiansError: The shapes do not fit.
 
-    Source: 3D Gaussian Splatting, section 5.1.
+    Source:
+        3D Gaussian Splatting, section 5.1.
     """
     if image.shape != target.shape or image.shape[-1] != 3:
         raise GaussiansError(
@@ -267,3 +265,88 @@ def _kernel(function: Callable[..., None], target: types.Array, *rest: types.Typ
 _ssim_maps_u8, _gradient_u8 = _kernels(U2)
 _OF_FLOATS = _kernels(F2)
 """Not compiled ahead of time, since training images are bytes."""
+
+
+GRAIN = 64
+"""Smallest number of tiles that is worth a thread."""
+
+
+def loss_and_gradient_among(
+    bins: Bins,
+    colors: np.ndarray,
+    frozen: rasterize.Frozen,
+    target: np.ndarray,
+    lambda_dssim: float,
+    gain: np.ndarray | None,
+    background: np.ndarray | None,
+    where: np.ndarray | None = None,
+    whole: bool = False,
+    unknown: np.ndarray | None = None,
+) -> tuple[float, rasterize.Gradients]:
+    """Return the loss of (image + background) * gain against the target, see `loss_and_gradient`, and its gradients.
+
+    There is no pass over the whole image: if a tenth of a megapixel image changes, copying and clearing the unchanged rest
+    would take longer than everything else. The splats are drawn into the image of the frozen splats, which is restored
+    afterwards. So two threads must not use the same frozen splats at once. With `where` [N] bool, `bins` has all splats of
+    the view, the frozen ones too, and only tiles that a splat of `where` touches are drawn and compared. Unless the loss is
+    that of the `whole` image, it leaves out a constant. Pixels of `unknown` [H, W] cause no loss; the target is uint8 then.
+    """
+    tiles = bins.counts > 0 if where is None else tiles_of(bins, where)
+    among = frozen if where is None else None
+    with _put_back(frozen, np.flatnonzero(tiles)):
+        rasterize.draw_over(bins, colors, frozen, among, tiles)
+        compared = None if whole else tiles.reshape(-(-bins.height // TILE), -1)
+        if unknown is not None:
+            target = _with_drawing(target, unknown, frozen.image, gain, background)
+        found = loss_and_gradient(frozen.image, target, lambda_dssim, gain, compared, background, zeros=False)
+        none = rasterize.no_gradient(frozen.alpha.shape)
+        arguments = bins, colors, frozen.image, found.d_image, frozen.alpha, none, among
+        gradients = rasterize.backward(*arguments, wanted=None if where is None else tiles)
+    return found.loss, gradients
+
+
+def _with_drawing(
+    target: np.ndarray, unknown: np.ndarray, image: np.ndarray, gain: np.ndarray | None, background: np.ndarray | None
+) -> np.ndarray:
+    """Return a target [H, W, 3] uint8 whose unknown pixels [H, W] bool repeat the drawing."""
+    drawn = image[unknown]
+    drawn = drawn if background is None else drawn + background
+    drawn = drawn if gain is None else drawn * gain
+    found = target.copy()
+    found[unknown] = np.rint(255 * np.clip(drawn, 0, 1)).astype(np.uint8)
+    return found
+
+
+@contextmanager
+def _put_back(frozen: rasterize.Frozen, tiles: np.ndarray) -> Iterator[None]:
+    """Restore tiles [K] of the image and of alpha after the `with` block."""
+    held = np.empty((len(tiles), TILE, TILE, 4), np.float32)
+    _keep.over(len(tiles), frozen.image, frozen.alpha, tiles, held, grain=GRAIN)
+    try:
+        yield
+    finally:
+        _restore.over(len(tiles), frozen.image, frozen.alpha, tiles, held, grain=GRAIN)
+
+
+@range_kernel(F3, F2, L1, F4)
+def _keep(first, last, image, alpha, tiles, held):
+    across = (alpha.shape[1] + TILE - 1) // TILE
+    for k in range(first, last):
+        top, left = tiles[k] // across * TILE, tiles[k] % across * TILE
+        for r in range(min(TILE, alpha.shape[0] - top)):
+            for c in range(min(TILE, alpha.shape[1] - left)):
+                for channel in range(3):
+                    held[k, r, c, channel] = image[top + r, left + c, channel]
+                held[k, r, c, 3] = alpha[top + r, left + c]
+
+
+@range_kernel(F3, F2, L1, F4)
+def _restore(first, last, image, alpha, tiles, held):
+    across = (alpha.shape[1] + TILE - 1) // TILE
+    for k in range(first, last):
+        top, left = tiles[k] // across * TILE, tiles[k] % across * TILE
+        for r in range(min(TILE, alpha.shape[0] - top)):
+            for c in range(min(TILE, alpha.shape[1] - left)):
+                for channel in range(3):
+                    image[top + r, left + c, channel] = held[k, r, c, channel]
+                alpha[top + r, left + c] = held[k, r, c, 3]

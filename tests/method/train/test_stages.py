@@ -9,7 +9,7 @@ from splatreel.kernels.image import render_image
 from splatreel.method.cameras.exposure import measure_exposure, remove_exposure
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig
-from splatreel.method.train.chapter_keyframe import missing_in, start_chapter
+from splatreel.method.train.stages import missing_in, start_chapter
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.static_points import StaticPoints
 from tests.method.captures import blots

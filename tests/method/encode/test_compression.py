@@ -10,8 +10,8 @@ import pytest
 from splatreel.base.errors import UsageError
 from splatreel.kernels import splat
 from splatreel.kernels.image import render_image
-from splatreel.method.encode import importance
-from splatreel.method.encode.importance import weigh
+from splatreel.method.encode import compression
+from splatreel.method.encode.compression import weigh
 from splatreel.run.output.reencode import search_coarseness
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
@@ -79,7 +79,7 @@ def test_importance_is_the_derivative_of_a_weighted_image(antialias: bool) -> No
         for row in range(len(points))
     ]
     smooth: Any = SimpleNamespace(choice=lambda signs, shape: weights)
-    found = np.sqrt(importance._squares(points, camera, 0.1, antialias, smooth))
+    found = np.sqrt(compression._squares(points, camera, 0.1, antialias, smooth))
     np.testing.assert_allclose(found, expected, rtol=0.08 if antialias else 0.03)
 
 
@@ -89,7 +89,7 @@ def test_gradient_through_antialiasing_is_exact() -> None:
         [rng.uniform([1, -0.5, 1], [4, 0.5, 4], (20, 3)), [[10.0, 0, 10.0]]]
     )  # of the last nothing is kept
     opacities, slopes = rng.uniform(0, 1, 21), rng.normal(size=21)
-    found = importance._antialias_gradient(opacities, conics, slopes)
+    found = compression._antialias_gradient(opacities, conics, slopes)
     for axis in range(3):
         ends = [splat.antialiased(opacities, conics + way * np.eye(3)[axis]) for way in (-1e-6, 1e-6)]
         np.testing.assert_allclose(found[:20, axis], (slopes * (ends[1] - ends[0]) / 2e-6)[:20], rtol=1e-5, atol=1e-7)

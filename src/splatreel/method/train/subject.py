@@ -1,20 +1,58 @@
-"""Colors of points that the training views hardly see.
-
-Few cameras leave much of a surface unseen, or see it along its edge. The color of a point there fits a few mixed pixels, and a
-novel view shows it at full size. Such a point takes the color of the points around it instead.
-"""
+"""Training on a subject before few cameras: images over opposite backgrounds, and colors of points that views hardly see."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
+from splatreel.base.paged_arrays import frame_array
+from splatreel.capture.masks import is_doubtful
 from splatreel.kernels import splat
-from splatreel.method.train.render import StaticCache, contributions, deformed
+from splatreel.method.train.render import StaticCache, View, contributions, deformed
 from splatreel.method.train.trainable_points import TrainablePoints
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import C0
+
+
+def with_opposite(images: TrainingImages, alpha: np.ndarray) -> TrainingImages:
+    """Return training images of a subject together with the same images over the opposite backgrounds.
+
+    Each camera has one color behind its subject. A point that only this camera sees, beside the subject, can take that
+    color, and is then a halo in novel views. Over the color and its opposite in turn, only transparency is right. `alpha`
+    [T, C, H, W] uint8 is the subject's opacity; pixels in doubt become unknown.
+    """
+    if (unknown := is_doubtful(alpha)).any():
+        images = replace(images, unknown=unknown if images.unknown is None else unknown | images.unknown)
+    pixels, views = images.pixels, [opposite_view(view) for view in images.views]
+    changes = [_change(view) for view in images.views]
+    other = frame_array(pixels.shape)
+    for frame, opacity in enumerate(alpha):
+        for camera, change in enumerate(changes):
+            behind = 1 - opacity[camera] / np.float32(255)
+            color = pixels[frame, camera] + behind[..., None] * change
+            other[frame, camera] = color.round().clip(0, 255)
+    return replace(images, opposite=replace(images, pixels=other, views=views, array=other))
+
+
+def opposite_view(view: View) -> View:
+    """Return a view with the opposite color behind all points."""
+    gain = np.ones(3, np.float32) if view.gain is None else view.gain
+    return replace(view, background=(1 - _behind(view)) / gain)
+
+
+def _behind(view: View) -> np.ndarray:
+    """Return the color [3] behind the subject in the images of a view, 0..1."""
+    if view.background is None:
+        return np.zeros(3, np.float32)
+    return view.background if view.gain is None else view.background * view.gain
+
+
+def _change(view: View) -> np.ndarray:
+    """Return the difference [3] of the opposite background and the background of a view, 0..255."""
+    return 255 * (1 - 2 * _behind(view))
+
 
 SEEN = 0.3
 """Share of a point's broad side that a view must show for its color to count in full."""
@@ -27,10 +65,8 @@ LEAST = 1e-4
 def spread_colors(points: TrainablePoints, images: TrainingImages, static: StaticCache | None) -> None:
     """Give points that no view shows well the mean color of their neighbors. It depends on the view as little as they are seen.
 
-    Args:
-        points: Points, whose colors are changed.
-        images: Training images of a keyframe.
-        static: Static points; None if there are none.
+    Few cameras leave much of a surface unseen, or see it along its edge. The color of a point there fits a few mixed
+    pixels, and a novel view shows it at full size.
     """
     count = min(NEIGHBORS + 1, len(points) - 1)
     if count < 1:
@@ -51,13 +87,7 @@ def spread_colors(points: TrainablePoints, images: TrainingImages, static: Stati
 
 
 def seen_shares(points: TrainablePoints, images: TrainingImages, static: StaticCache | None) -> np.ndarray:
-    """Return how much of each point's broad side is shown, [N]: the largest share over the views, 0..1.
-
-    Args:
-        points: Points.
-        images: Training images of a keyframe.
-        static: Static points in front of some of them; None if there are none.
-    """
+    """Return how much of each point's broad side is shown, [N]: the largest share over the views, 0..1."""
     _, middle, broad = np.sort(points.scales, 1).T
     found = np.zeros_like(middle)
     for camera, view in enumerate(images.views):
