@@ -14,7 +14,7 @@ from splatreel.base.new_folder import created
 from splatreel.cli.options import AXES, ReelAddress, megabytes, parse_frames, reel_folder
 from splatreel.cli.outputs import check_out
 from splatreel.cli.printing import counted, say
-from splatreel.formats.reader_limits import FrameKind, Program, ProgramName
+from splatreel.formats.registry import FrameKind, Program, ProgramName
 
 if TYPE_CHECKING:
     import numpy as np
@@ -102,7 +102,7 @@ def export(
         raise UsageError(f"--every {every}: give a whole number of frames, 1 or more.")
     from splatreel.play.gaussian_export import GaussianExport
     from splatreel.play.timeline import open_reel
-    from splatreel.scene.volume_text import parse_volume
+    from splatreel.scene.volumes import parse_volume
 
     source = open_reel(reel_folder(reel), rendition, megabytes(max_memory))
     crop = None if changes.crop is None else parse_volume("--crop", changes.crop, source.manifest)
@@ -145,7 +145,7 @@ def _kind(out: Path, format: FrameKind | None) -> str | None:
 
 
 def _program(name: ProgramName | None) -> Program | None:
-    from splatreel.formats.reader_limits import PROGRAMS
+    from splatreel.formats.registry import PROGRAMS
 
     return None if name is None else PROGRAMS[name]
 

@@ -18,8 +18,7 @@ from splatreel.codec.manifest import Manifest
 from splatreel.codec.presentation import MAX_TEXT
 from splatreel.codec.reader import ReelReader
 from splatreel.config import COARSENESS
-from splatreel.edit.clip import ClipGroup, ClipLayer, ClipSound, ClipSpan, LayerSpan, Outline
-from splatreel.edit.sound_pieces import SoundPiece
+from splatreel.edit.clip import ClipGroup, ClipLayer, ClipSound, ClipSpan, LayerSpan, Outline, SoundPiece
 from splatreel.play.reel_sound import ReelSound
 
 CACHED = 4

@@ -21,13 +21,10 @@ from splatreel.base.command_line import install_command
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget, points_memory
 from splatreel.base.untrusted import read_file
-from splatreel.formats.plausible import check_plausible
 from splatreel.formats.registry import Film
-from splatreel.formats.remarks import Remarks
-from splatreel.formats.splat_columns import drop_nan
+from splatreel.formats.splat_columns import Remarks, check_plausible, drop_nan
 from splatreel.scene import rotations
-from splatreel.scene.gaussians import C0, Gaussians
-from splatreel.scene.turning import turned
+from splatreel.scene.gaussians import C0, Gaussians, turned
 
 MOST_FRAMES, MOST_BYTES = 1_000_000, 1 << 34
 FPS = 30.0

@@ -10,8 +10,7 @@ import numpy as np
 from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import GaussiansError
 from splatreel.base.ply_table import Columns, read_elements
-from splatreel.formats.remarks import Remarks
-from splatreel.formats.splat_columns import Encoding, gaussians_of
+from splatreel.formats.splat_columns import Encoding, Remarks, gaussians_of
 from splatreel.scene.gaussians import Gaussians
 
 MODE = "SplatRenderMode: "

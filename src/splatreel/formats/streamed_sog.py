@@ -19,8 +19,8 @@ from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget
 from splatreel.base.ply_table import Columns
 from splatreel.base.untrusted import read_json
-from splatreel.formats.remarks import Remarks
 from splatreel.formats.sog import is_sog_antialiased, read_sog
+from splatreel.formats.splat_columns import Remarks
 
 LOD_META = "lod-meta.json"
 VERSION = 1

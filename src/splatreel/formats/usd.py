@@ -15,8 +15,7 @@ from splatreel.base.atomic import move, scratch
 from splatreel.base.command_line import install_command
 from splatreel.base.errors import GaussiansError
 from splatreel.formats.registry import Film
-from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.turning import turned
+from splatreel.scene.gaussians import Gaussians, turned
 
 _NAMES = {
     "means": "Positions",

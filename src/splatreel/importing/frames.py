@@ -16,8 +16,7 @@ from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget
 from splatreel.base.untrusted import check_regular
 from splatreel.formats.registry import columns_of, is_antialiased, read_splats, size_of
-from splatreel.formats.remarks import Remarks
-from splatreel.formats.splat_columns import MANY, Encoding, encoding_of
+from splatreel.formats.splat_columns import MANY, Encoding, Remarks, encoding_of
 from splatreel.importing.frame_files import find_files, find_members
 from splatreel.importing.frame_names import Gaps, Order, order_frames
 from splatreel.scene.gaussians import Gaussians

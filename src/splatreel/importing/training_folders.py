@@ -12,7 +12,7 @@ from glob import escape
 from pathlib import Path, PurePath
 
 from splatreel.base.errors import GaussiansError
-from splatreel.formats.moving_columns import EXPORT
+from splatreel.formats.splat_columns import EXPORT
 
 _ITERATION = re.compile(r"(coarse_)?iteration_\w+")
 _OWN_FRAMES = "Run that method's export_perframe_3DGS.py, and import the folder that it writes."

@@ -29,9 +29,8 @@ from splatreel.method.tracking.tracking import GroupStart, VelocityPrior, track
 from splatreel.method.train.chapter_keyframe import start_chapter
 from splatreel.method.train.keyframe_trainer import KeyframeResult
 from splatreel.method.train.stages import KeyframeWatch, refine_keyframe, train_first_keyframe, train_group
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import Group
-from splatreel.scene.static_points import StaticPoints
 
 Arguments = TypeVarTuple("Arguments")
 Found = TypeVar("Found")

@@ -9,11 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.base.errors import ReelError
-from splatreel.formats.reader_limits import Program
-from splatreel.formats.registry import FRAME_FORMATS, Placement
+from splatreel.formats.registry import FRAME_FORMATS, Placement, Program
 from splatreel.play.timeline import Timeline
-from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.turning import turn_upright
+from splatreel.scene.gaussians import Gaussians, turn_upright
 from splatreel.scene.volumes import Volume
 
 

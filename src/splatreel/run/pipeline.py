@@ -26,7 +26,7 @@ from splatreel.run.preparation import open_reel_writer, prepare, save_header
 from splatreel.run.requirements import check_capture, check_networks
 from splatreel.run.run_record import recorded_settings
 from splatreel.run.store import Store
-from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.gaussians import StaticPoints
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,7 @@ from splatreel.config import LayeringConfig
 from splatreel.kernels.image import render_image
 from splatreel.method.layering.labels import RelitPoints, convertible, find_layers, near_cameras, separate
 from splatreel.scene.clearance import Clearance
-from splatreel.scene.gaussians import C0, Gaussians
-from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.gaussians import C0, Gaussians, StaticPoints
 from tests.method.inputs import group_input
 from tests.method.scenes import look_at, random_gaussians, ring
 

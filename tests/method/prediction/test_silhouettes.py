@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from splatreel.method.prediction.silhouettes import Silhouettes
-from splatreel.scene.camera import Camera
-from splatreel.scene.projection import unproject
+from splatreel.scene.camera import Camera, unproject
 from tests.segmentation.scenes import ring
 
 CAMERAS = ring(5)

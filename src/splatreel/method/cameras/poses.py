@@ -18,8 +18,7 @@ from splatreel.base.errors import ReconstructionError
 from splatreel.method.cameras.pose_conventions import recognize_convention, show_the_same
 from splatreel.method.init.features import detect, epipolar_lines, line_distances, match
 from splatreel.method.init.triangulate import intersect, neighbor_pairs, reprojection_errors, separation
-from splatreel.scene.camera import Camera, focus_point
-from splatreel.scene.projection import project, unproject
+from splatreel.scene.camera import Camera, focus_point, project, unproject
 
 NEIGHBORS = 6
 SEARCH_WIDTHS = 0.03, 0.015, 0.008

@@ -17,8 +17,7 @@ from scipy.ndimage import binary_dilation
 from scipy.spatial import KDTree
 
 from splatreel.method.init.initial_points import SWEEP_WIDTH, InitialPoints
-from splatreel.scene.camera import Camera
-from splatreel.scene.projection import inside, project
+from splatreel.scene.camera import Camera, inside, project
 from splatreel.scene.volumes import Volume
 
 CELL = 1.5

@@ -13,11 +13,9 @@ from splatreel.method.images.flow import make_flow
 from splatreel.method.layering.lift import DYNAMIC_LABEL, lift, shares
 from splatreel.method.layering.light_changes import changes_of_light
 from splatreel.method.layering.masks import make_segmenter, motion_masks
-from splatreel.scene.camera import Camera
+from splatreel.scene.camera import Camera, inside, project
 from splatreel.scene.clearance import Clearance
-from splatreel.scene.gaussians import C0, Gaussians
-from splatreel.scene.projection import inside, project
-from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.gaussians import C0, Gaussians, StaticPoints
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,8 @@ from splatreel.method.train.keyframe_trainer import KeyframeResult, KeyframeTrai
 from splatreel.method.train.losses import CHAPTER_KEYFRAME
 from splatreel.method.train.single_frame import train_frame
 from splatreel.method.train.stages import known_gains
-from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.projection import inside, project
-from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.camera import inside, project
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 
 DILATION = 7
 """Width by which masks of missing content are dilated, in pixels of an image 320 wide. Edges differ less than the area they

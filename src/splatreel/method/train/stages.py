@@ -23,8 +23,7 @@ from splatreel.method.train.render import View
 from splatreel.method.train.single_frame import first_keyframe_trainer, train_frame
 from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
-from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 
 
 class KeyframeWatch(Protocol):

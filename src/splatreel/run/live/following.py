@@ -49,9 +49,8 @@ from splatreel.run.requirements import check_capture, check_networks
 from splatreel.run.run_lock import RunLock
 from splatreel.run.run_record import recorded_settings, run_record
 from splatreel.run.store import Store
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import Group, GroupSpan, group_spans
-from splatreel.scene.static_points import StaticPoints
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ from splatreel.codec.writer import ReelWriter
 from splatreel.method.cameras.rig import Rig
 from splatreel.run import checkpoint
 from splatreel.run.store import Store
-from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 
 EPOCH = 64
 """Groups per epoch. Each epoch starts with a renewal."""
