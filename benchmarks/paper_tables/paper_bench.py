@@ -17,7 +17,7 @@ from baselines.temporal_slices import TemporalSlices
 from splatreel.base.errors import UsageError
 from splatreel.base.progress import Progress, format_rounded
 from splatreel.capture.base import Capture
-from splatreel.codec.reel_sizes import reel_info
+from splatreel.codec.inspection import reel_info
 from splatreel.config import Config
 from splatreel.config.settings import changed
 from splatreel.evaluation.evaluate import evaluate

@@ -14,7 +14,7 @@ from splatreel.base.display import Lines
 from splatreel.base.errors import UsageError
 from splatreel.cli import demo_player
 from splatreel.cli.demo_player import DemoPlayer
-from splatreel.codec.preview_writer import write_preview
+from splatreel.codec.preview import write_preview
 from splatreel.play import sample_reel
 from tests.codec.reels import new_header, points, write_reel
 from tests.golden import PREDICTIVE

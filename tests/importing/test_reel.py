@@ -7,7 +7,7 @@ import pytest
 
 from splatreel.base.errors import GaussiansError
 from splatreel.base.progress import Silent
-from splatreel.codec.verification import verify_reel
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import COARSENESS, EncodeConfig
 from splatreel.formats.splat_columns import Remarks

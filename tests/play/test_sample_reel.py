@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from splatreel.base.errors import ReelError
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.play import sample_reel
 
 

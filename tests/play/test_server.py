@@ -16,7 +16,7 @@ from urllib.parse import quote, urlsplit
 import pytest
 
 from splatreel.base.errors import ReelError, UsageError
-from splatreel.codec.preview_writer import write_preview
+from splatreel.codec.preview import write_preview
 from splatreel.play.player_page import STATIC
 from splatreel.play.presentation_writer import PresentationWriter
 from splatreel.play.served_files import RunFiles, ServedFiles

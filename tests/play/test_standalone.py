@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from splatreel.base.errors import ReelError
-from splatreel.codec.description import edit_reel
-from splatreel.codec.manifest import parse_manifest
+from splatreel.codec.manifest import edit_reel, parse_manifest
 from splatreel.play import standalone
 from splatreel.play.standalone import write_standalone
 from tests.golden import GOLDEN, PREDICTIVE, write_golden

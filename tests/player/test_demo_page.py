@@ -8,7 +8,7 @@ from playwright.sync_api import Browser
 
 from splatreel.base.progress import Silent
 from splatreel.cli.demo_player import demo_player
-from splatreel.codec.preview_writer import write_preview
+from splatreel.codec.preview import write_preview
 from splatreel.play import sample_reel
 from tests.codec.reels import new_header, points
 from tests.golden import PREDICTIVE

@@ -17,8 +17,8 @@ import pytest
 from splatreel.base import atomic
 from splatreel.base.errors import CaptureError, ReconstructionError, SplatreelError, StorageError, UsageError
 from splatreel.base.progress import Silent, Span
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.config import Config
 from splatreel.config.records import ADDED_SETTINGS
 from splatreel.evaluation.uncompressed import uncompressed_frames

@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 
 from splatreel.base.errors import ReelError, StorageError
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.publish import Publication
-from splatreel.codec.verification import verify_reel
 from splatreel.storage.address import Address
 from tests.buckets import Bucket, Faults
 from tests.codec.reels import write_reel

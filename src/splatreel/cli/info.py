@@ -11,9 +11,9 @@ from splatreel.cli.options import ReelAddress, reel_folder
 from splatreel.cli.printing import say
 
 if TYPE_CHECKING:
+    from splatreel.codec.inspection import ReelInfo
     from splatreel.codec.manifest import Manifest
     from splatreel.codec.presentation import Sound
-    from splatreel.codec.reel_sizes import ReelInfo
 
 
 def info(reel: ReelAddress, /, rendition: str | None = None, json: bool = False) -> None:
@@ -24,7 +24,7 @@ def info(reel: ReelAddress, /, rendition: str | None = None, json: bool = False)
         rendition: Rendition to look at, for a reel that has several; by default the best.
         json: Print everything as JSON.
     """
-    from splatreel.codec.reel_sizes import reel_info
+    from splatreel.codec.inspection import reel_info
 
     location = reel_folder(reel)
     found = reel_info(location, rendition)

@@ -13,7 +13,7 @@ def verify(reel: ReelAddress, /, max_memory: int | None = None) -> None:
         reel: Folder of the reel, or its URL: http(s), s3://BUCKET/REEL and the like (needs splatreel[cloud]).
         max_memory: Megabytes that decoding a file may take; by default what a correct file of its length needs.
     """
-    from splatreel.codec.verification import verify_reel
+    from splatreel.codec.inspection import verify_reel
 
     location = reel_folder(reel)
     found = verify_reel(location, megabytes(max_memory))

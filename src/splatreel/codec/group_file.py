@@ -8,21 +8,56 @@ import numpy as np
 
 from splatreel.base.errors import ReelError
 from splatreel.codec import quantize
-from splatreel.codec.budget import check_offset_count, check_offsets
-from splatreel.codec.container import FileHeader, pack_file, unpack_file
-from splatreel.codec.light_section import decode_light, encode_light
+from splatreel.codec.container import (
+    MAX_POINTS,
+    FileHeader,
+    Section,
+    Sections,
+    named,
+    pack_file,
+    section_of,
+    unpack_file,
+)
 from splatreel.codec.paper import offsets as paper_offsets
 from splatreel.codec.paper.gaussians import decode_gaussians, encode_gaussians
-from splatreel.codec.predictive.offsets import decode_offsets, encode_offsets
-from splatreel.codec.predictive.points import decode_points, encode_points, read_precision
+from splatreel.codec.predictive.lod_prediction import Predictor
+from splatreel.codec.predictive.points import (
+    decode_offsets,
+    decode_points,
+    decode_shade,
+    encode_offsets,
+    encode_points,
+    encode_shade,
+    read_precision,
+)
 from splatreel.codec.predictive.precision import COLOR, STEPS, Precision, Steps, choose_precision
-from splatreel.codec.predictive.predictor import Predictor
-from splatreel.codec.predictive.shade import decode_shade, encode_shade
-from splatreel.codec.section import MAX_POINTS, Section, Sections
+from splatreel.codec.quantize import check_offset_count, check_offsets
 from splatreel.config import EncodeConfig
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
+
+BITS = 12
+"""Bits of the logarithms. If the light halves, a step is a thirtieth of a gray level."""
+MOST = 1024.0
+"""Maximum factor by which the light may brighten or darken."""
+
+
+def encode_light(light: np.ndarray) -> Sections:
+    """Encode the factors `Group.light`, [T, 3]."""
+    return {"light": Section(*quantize.encode_linear(np.clip(light, 1 / MOST, MOST), BITS, log=True))}
+
+
+def decode_light(sections: Sections, frames: int) -> np.ndarray:
+    """Decode the factors, [T, 3] float32. Raise `ReelError` if the section is damaged."""
+    section = section_of(sections, "light", "linear")
+    light = named("light", quantize.decode_linear, section.data, section.parameters, frames, 3)
+    if not ((light > 0.99 / MOST) & (light < 1.01 * MOST)).all():
+        raise ReelError(
+            f"section 'light' has factors from {light.min():.3g} to {light.max():.3g}, not within {MOST:g} of 1."
+        )
+    return light
+
 
 MAX_STATIC = 1 << 26
 """Maximum number of static points in all layers together."""

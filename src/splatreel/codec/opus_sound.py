@@ -16,8 +16,7 @@ import numpy as np
 from av.error import FFmpegError
 
 from splatreel.base.errors import MissingDependencyError, ReelError
-from splatreel.codec.boxes import check_samples
-from splatreel.codec.fragments import PACKET, RATE, initialization, segment
+from splatreel.codec.mp4 import PACKET, RATE, check_samples, initialization, segment
 from splatreel.codec.presentation import Asset, Sound, SoundSegment, Vec3
 from splatreel.codec.writer import ReelWriter
 

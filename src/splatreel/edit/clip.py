@@ -8,8 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from splatreel.codec.fragments import RATE
 from splatreel.codec.header import ReelHeader
+from splatreel.codec.mp4 import RATE
 from splatreel.codec.predictive.precision import Precision
 from splatreel.codec.presentation import Limits, Sound, Vec3
 from splatreel.codec.reader import ReelReader

@@ -11,8 +11,8 @@ import numpy as np
 from splatreel.base.errors import ReelError, UsageError
 from splatreel.base.new_folder import is_taken, new_folder
 from splatreel.capture.capture_sound import channels, read_sound
-from splatreel.codec.fragments import RATE
 from splatreel.codec.group_file import encode_group_again, encode_layer_again
+from splatreel.codec.mp4 import RATE
 from splatreel.codec.opus_sound import encode_sound, write_sound
 from splatreel.codec.predictive.precision import STEPS, Precision, choose_precision
 from splatreel.codec.presentation import EMPTY

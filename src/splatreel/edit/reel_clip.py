@@ -11,10 +11,9 @@ from typing import TypeVar
 import numpy as np
 
 from splatreel.base.errors import ReelError, UsageError
-from splatreel.codec.file_entry import FileEntry
 from splatreel.codec.group_file import decode_group_to_edit, decode_layer_to_edit
 from splatreel.codec.header import ReelHeader
-from splatreel.codec.manifest import Manifest
+from splatreel.codec.manifest import FileEntry, Manifest
 from splatreel.codec.presentation import MAX_TEXT
 from splatreel.codec.reader import ReelReader
 from splatreel.config import COARSENESS

@@ -16,9 +16,9 @@ from splatreel.base.progress import Progress, Silent
 from splatreel.capture.base import Capture
 from splatreel.capture.masked_capture import is_doubtful
 from splatreel.capture.median_images import median_images, moving_pixels
+from splatreel.codec.inspection import ReelInfo, reel_info
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.reel_sizes import ReelInfo, reel_info
 from splatreel.evaluation.comparison_images import chosen_frames, comparison, write_images, write_png
 from splatreel.evaluation.flicker import Flicker, border_frames
 from splatreel.evaluation.metrics import psnr

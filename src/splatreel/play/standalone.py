@@ -10,7 +10,7 @@ from pathlib import Path
 from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import ReelError
 from splatreel.codec.container import unpack_file
-from splatreel.codec.file_entry import FileEntry
+from splatreel.codec.manifest import FileEntry
 from splatreel.codec.presentation import Asset
 from splatreel.codec.reader import ReelReader
 from splatreel.play.player_page import STATIC, with_metadata

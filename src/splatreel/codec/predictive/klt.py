@@ -12,12 +12,11 @@ from numba import njit
 
 from splatreel.base.errors import ReelError
 from splatreel.base.jit import EXACT
+from splatreel.codec.container import Section
 from splatreel.codec.predictive.entropy import Stream, entropy_encode, unzigzag, zigzag
-from splatreel.codec.predictive.lod_prediction import decode_lod, encode_lod, ends_of
+from splatreel.codec.predictive.lod_prediction import Predictor, decode_lod, encode_lod, ends_of
 from splatreel.codec.predictive.precision import Basis
-from splatreel.codec.predictive.predictor import Predictor
 from splatreel.codec.quantize import Parameters, integer, number
-from splatreel.codec.section import Section
 
 _MAX_SHIFT = 20
 MOST_NUMBERS = 1 << 20

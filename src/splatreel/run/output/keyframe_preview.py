@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from splatreel.base.errors import ReconstructionError
-from splatreel.codec.preview_writer import write_preview
+from splatreel.codec.preview import write_preview
 from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 

@@ -6,11 +6,9 @@ import struct
 import pytest
 
 from splatreel.base.errors import ReelError
-from splatreel.codec.container import pack_file, unpack_file
+from splatreel.codec.container import Section, pack_file, unpack_file
+from splatreel.codec.inspection import reel_info, verify_reel
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.reel_sizes import reel_info
-from splatreel.codec.section import Section
-from splatreel.codec.verification import verify_reel
 from tests.codec.reels import edit_manifest, replace_file, write_reel
 from tests.golden import GOLDEN
 

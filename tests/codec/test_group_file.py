@@ -1,3 +1,5 @@
+"""Sections of a group file."""
+
 import dataclasses
 
 import numpy as np

@@ -5,7 +5,7 @@ import struct
 import pytest
 
 from splatreel.base.errors import ReelError
-from splatreel.codec.boxes import check_samples
+from splatreel.codec.mp4 import check_samples
 
 
 def box(name: str, *parts: bytes) -> bytes:

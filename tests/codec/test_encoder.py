@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatreel.codec import layer_parts
-from splatreel.codec.encoder import ReelEncoder
+from splatreel.codec import encoder
+from splatreel.codec.encoder import FIRST, ReelEncoder, part_sizes, split_layer
 from splatreel.codec.group_file import decode_layer_to_edit, decode_parts, encode_layer
-from splatreel.codec.layer_parts import FIRST, part_sizes, split_layer
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.predictive.precision import SHAPE
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.config import EncodeConfig
 from splatreel.edit.clip_writer import write_clip
 from splatreel.edit.reel_clip import ReelClip
@@ -31,7 +30,7 @@ CAMERA = facing("a", np.array([0.0, 0, -4]), np.array([0.0, 0, 1]), 100, 160, 90
 @pytest.fixture
 def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Split layers of more than 40 points."""
-    monkeypatch.setattr(layer_parts, "FIRST", 20)
+    monkeypatch.setattr(encoder, "FIRST", 20)
 
 
 def test_small_layer_has_one_part() -> None:
