@@ -13,7 +13,7 @@ from PIL import Image
 import splatreel
 from record import ROOT
 from splatreel.capture.builtin.synthetic import RADIUS, TARGET
-from splatreel.play.sample_reel import SAMPLE
+from splatreel.play.demo_page import SAMPLE
 from splatreel.scene.camera import facing
 
 SIDEWAYS, MIDDLE, UPWARDS = 24.0, 16.0, 7.0

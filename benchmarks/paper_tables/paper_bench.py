@@ -20,9 +20,8 @@ from splatreel.capture.base import Capture
 from splatreel.codec.inspection import reel_info
 from splatreel.config import Config
 from splatreel.config.settings import changed
-from splatreel.evaluation.evaluate import evaluate
+from splatreel.evaluation.evaluate import evaluate, uncompressed_frames
 from splatreel.evaluation.report import Report
-from splatreel.evaluation.uncompressed import uncompressed_frames
 from splatreel.run.gpu_speed import measure_run_speed
 from splatreel.run.machines.estimate import estimate
 from splatreel.run.machines.local_processes import division_of

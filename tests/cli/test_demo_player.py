@@ -15,14 +15,14 @@ from splatreel.base.errors import UsageError
 from splatreel.cli import demo_player
 from splatreel.cli.demo_player import DemoPlayer
 from splatreel.codec.preview import write_preview
-from splatreel.play import sample_reel
+from splatreel.play import demo_page
 from tests.codec.reels import new_header, points, write_reel
 from tests.golden import PREDICTIVE
 
 
 @pytest.fixture
 def sample(monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(sample_reel, "SAMPLE", PREDICTIVE)
+    monkeypatch.setattr(demo_page, "SAMPLE", PREDICTIVE)
     return PREDICTIVE
 
 
@@ -77,7 +77,7 @@ def test_page_plays_the_sample_and_links_to_the_own_reel_once_it_can_be_watched(
 def test_a_package_without_the_sample_shows_the_own_reel_only(
     lines: Lines, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(sample_reel, "SAMPLE", tmp_path / "none")
+    monkeypatch.setattr(demo_page, "SAMPLE", tmp_path / "none")
     with demo_player.demo_player(lines, tmp_path, serve=True) as player:
         assert player is not None
         assert "finished reel" not in capsys.readouterr().out

@@ -7,7 +7,7 @@ import pytest
 
 from splatreel.base.errors import CaptureError
 from splatreel.importing.viewpoints import RING, read_cameras, ring
-from splatreel.play.renderers import draw_on_cpu
+from splatreel.play.timeline import draw_on_cpu
 from splatreel.scene.camera import Camera
 from tests.capture import folders
 from tests.importing.films import cameras, scene

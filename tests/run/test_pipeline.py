@@ -21,7 +21,7 @@ from splatreel.codec.inspection import verify_reel
 from splatreel.codec.reader import ReelReader
 from splatreel.config import Config
 from splatreel.config.records import ADDED_SETTINGS
-from splatreel.evaluation.uncompressed import uncompressed_frames
+from splatreel.evaluation.evaluate import uncompressed_frames
 from splatreel.kernels.image import render_image
 from splatreel.run.pipeline import Result, reconstruct
 from splatreel.scene.reel_source import ReelSource

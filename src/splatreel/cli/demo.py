@@ -98,8 +98,7 @@ def reconstruct_demo(
     from splatreel.kernels.warmup import background_warmup
 
     with background_warmup(progress, threads.count()):
-        from splatreel.evaluation.evaluate import evaluate
-        from splatreel.evaluation.uncompressed import uncompressed_frames
+        from splatreel.evaluation.evaluate import evaluate, uncompressed_frames
         from splatreel.play.presentation_writer import PresentationWriter
         from splatreel.run import pipeline
         from splatreel.run.store import Store

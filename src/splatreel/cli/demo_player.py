@@ -27,8 +27,7 @@ class DemoPlayer:
 
     def __init__(self, progress: Progress, out: Path, port: int = 0) -> None:
         from splatreel.cli.serve import run_report
-        from splatreel.play.demo_page import NAME, DemoPage
-        from splatreel.play.sample_reel import SAMPLE
+        from splatreel.play.demo_page import NAME, SAMPLE, DemoPage
         from splatreel.play.served_files import RunFiles, ServedFiles
         from splatreel.play.server import Server
 
@@ -81,7 +80,7 @@ def demo_player(progress: Progress, out: Path, serve: bool) -> Iterator[DemoPlay
     Yields:
         The progress display to use; None if nothing is served.
     """
-    from splatreel.play.sample_reel import has_sample
+    from splatreel.play.demo_page import has_sample
 
     if not serve:
         yield None

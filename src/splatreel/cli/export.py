@@ -277,7 +277,7 @@ def _say_losses(film: GaussianExport, out: Path, kind: str | None) -> None:
 
 
 def _write_page(reel: str, out: Path, rendition: str | None) -> None:
-    from splatreel.play.standalone import write_standalone
+    from splatreel.play.player_page import write_standalone
 
     sweep(out.parent, out.name)
     size = write_standalone(out, reel_folder(reel), rendition)
@@ -286,8 +286,7 @@ def _write_page(reel: str, out: Path, rendition: str | None) -> None:
 
 def _write_film(source: Timeline, times: list[float], out: Path, width: int | None, path: Path | None) -> None:
     from splatreel.base.display import console
-    from splatreel.play.camera_path import read_path
-    from splatreel.play.film import film_along_path, film_through_cameras, write_film
+    from splatreel.play.film import film_along_path, film_through_cameras, read_path, write_film
 
     start = source.manifest.camera
     if width is not None:

@@ -173,7 +173,7 @@ def reconstruct(
         raise UsageError("--masks and --region are for captures that are complete. Leave them out, or --follow.")
     machines.check(out, follow=following.follow, estimate=estimate)
     from splatreel.base.display import console
-    from splatreel.evaluation.page.report_writer import ReportWriter
+    from splatreel.evaluation.page.report_page import ReportWriter
     from splatreel.kernels.warmup import background_warmup
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.run.pipeline import RunSpec

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from splatreel.edit.clip import ChangedClip, Clip, ClipGroup, ClipLayer, shown_points
-from splatreel.play.renderers import draw_on_cpu
+from splatreel.play.timeline import draw_on_cpu
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import C0, Gaussians
 from splatreel.scene.volumes import Volume, in_image

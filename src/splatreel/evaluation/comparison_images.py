@@ -11,8 +11,7 @@ import numpy as np
 from splatreel.base.atomic import write_bytes
 from splatreel.capture.base import Capture
 from splatreel.capture.images import encode_image
-from splatreel.play.renderers import draw_on_cpu
-from splatreel.play.timeline import Moment, Timeline
+from splatreel.play.timeline import Moment, Timeline, draw_on_cpu
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import C0, Gaussians
 

@@ -8,7 +8,7 @@ from splatreel.base.command_line import install_command
 from splatreel.base.errors import MissingDependencyError, UsageError
 from splatreel.gpu.adapters import adapters, choose_adapter, require_adapter
 from splatreel.gpu.shared_gpu import SharedGpu
-from splatreel.play.renderers import Draw
+from splatreel.play.timeline import Draw
 
 NAMES = ("auto", "cpu", "gpu", "cuda")
 """Values of `--device`."""

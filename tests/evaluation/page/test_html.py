@@ -1,3 +1,5 @@
+"""HTML of pages: charts."""
+
 import re
 import xml.etree.ElementTree as ElementTree
 from itertools import pairwise
@@ -6,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from splatreel.evaluation.page.charts import HEIGHT, WIDTH, line_chart, number, ticks
+from splatreel.evaluation.page.html import HEIGHT, WIDTH, line_chart, number, ticks
 
 
 def test_a_chart_draws_each_line_within_its_frame() -> None:

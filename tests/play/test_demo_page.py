@@ -7,11 +7,11 @@ import pytest
 from splatreel.base.errors import ReelError
 from splatreel.codec.inspection import verify_reel
 from splatreel.codec.reader import ReelReader
-from splatreel.play import sample_reel
+from splatreel.play import demo_page
 
 
 def test_the_sample_is_a_whole_reel_with_sound_and_poster() -> None:
-    folder = sample_reel.sample_reel()
+    folder = demo_page.sample_reel()
     verify_reel(folder)
     reel = ReelReader(folder)
     assert (reel.frames, reel.duration, reel.manifest.live) == (60, 2.0, False)
@@ -21,7 +21,7 @@ def test_the_sample_is_a_whole_reel_with_sound_and_poster() -> None:
 
 
 def test_a_missing_sample_is_reported_with_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sample_reel, "SAMPLE", tmp_path)
-    assert not sample_reel.has_sample()
+    monkeypatch.setattr(demo_page, "SAMPLE", tmp_path)
+    assert not demo_page.has_sample()
     with pytest.raises(ReelError, match="has no sample reel"):
-        sample_reel.sample_reel()
+        demo_page.sample_reel()

@@ -7,8 +7,8 @@ from urllib.parse import urlsplit
 import pytest
 
 from splatreel.base.errors import UsageError
-from splatreel.play.allowed_hosts import AllowedHosts
 from splatreel.play.server import serve
+from splatreel.play.web_app import AllowedHosts
 from tests.golden import GOLDEN
 
 ITSELF = ["localhost", "LOCALHOST:80", "localhost.", "127.0.0.1:8080", "[::1]:8080", "127.8.8.8"]
