@@ -20,7 +20,7 @@ from splatreel.play.viewer import Clock
 from splatreel.scene.gaussians import Gaussians
 from tests.codec.reels import QUICK, add_chapter_group, new_writer
 from tests.golden_long import CHAPTER, LONG, WINDOW
-from tests.play.test_standalone import Scripts
+from tests.play.test_player_page import Scripts
 
 FPS = 10
 
