@@ -66,9 +66,6 @@ class FileHeader:
 
     Attributes:
         kind: `layer` or `group`.
-        index: Number of the group.
-        points: Number of points.
-        first_frame: First frame of the group.
         frames: Frames of the group; 0 for a layer.
     """
 
@@ -98,9 +95,7 @@ def pack_file(header: FileHeader, sections: Sections) -> bytes:
 def unpack_file(data: bytes, most: int | None = None) -> tuple[FileHeader, Sections]:
     """Return the header and sections of a file.
 
-    Args:
-        data: Content of the file.
-        most: Memory in bytes that decoding may take; None uses `quantize.allowed_memory`.
+    `most`: Memory in bytes that decoding may take; None uses `quantize.allowed_memory`.
 
     Raises:
         ReelError: The data is not such a file.

@@ -162,10 +162,7 @@ def _colors(importance: np.ndarray | None) -> np.ndarray | None:
 def decode_layer(data: bytes, source: str, most: int | None = None) -> tuple[FileHeader, Gaussians]:
     """Decode a layer file.
 
-    Args:
-        data: Content of the file.
-        source: Name of the file, for messages.
-        most: Memory limit, see `unpack_file`.
+    `most`: Memory limit, see `unpack_file`.
 
     Raises:
         ReelError: The file is damaged. The message names the file and the section.

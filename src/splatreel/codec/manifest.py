@@ -51,9 +51,7 @@ class FileEntry:
         uri: Path relative to the manifest.
         bytes: Size of the file.
         sha256: Digest of the file, hexadecimal.
-        first_frame: First frame of the group.
         frames: Frames of the group; 0 for a layer.
-        points: Number of points.
         group: Number of the group; for a layer, of the group it was born at.
         renditions: The same group in the reel's other renditions, by name.
         until: Group at which a layer is retired, the first that does not show it; None if never.
@@ -195,7 +193,6 @@ class PageEntry:
         uri: Path relative to the manifest.
         bytes: Size of the page.
         sha256: Digest of the page, hexadecimal.
-        first_frame: First frame of its first group.
         frames: Frames from `first_frame` to the latest end of its groups.
         groups: Number of groups.
         rendition_bytes: Bytes of its groups by rendition; empty for a single rendition.
@@ -233,10 +230,7 @@ def make_page(
 ) -> tuple[PageEntry, bytes]:
     """Return the manifest entry and the file of a page.
 
-    Args:
-        layers: All layers of the reel.
-        groups: Groups of the page.
-        names: Names of the renditions.
+    `names`: Names of the renditions.
     """
     first, last = groups[0].group, groups[-1].group
     data = Page(tuple(retired_layers(layers, first, last)), tuple(groups)).to_bytes()
@@ -764,9 +758,7 @@ def _short(array: np.ndarray) -> list[float]:
 def edit_reel(folder: Path, words: Mapping[str, str]) -> Manifest:
     """Replace texts in the manifest atomically and return the new manifest.
 
-    Args:
-        folder: Folder of the reel.
-        words: New `title`, `author`, `description` or `licence`; an empty text removes the entry.
+    `words`: New `title`, `author`, `description` or `licence`; an empty text removes the entry.
 
     Raises:
         ReelError: The folder holds no finished reel, or a text is too long.

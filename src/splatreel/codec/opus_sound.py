@@ -38,8 +38,6 @@ class EncodedSound:
     """Sound files of a reel. Segment i starts at i * `SEGMENT_SECONDS`.
 
     Attributes:
-        channels: Number of channels.
-        init: Initialization file.
         segments: Segments in order.
         samples: Number of samples, in whole packets.
     """

@@ -54,7 +54,6 @@ class Thumbnails:
         columns: Images per row of a sheet.
         rows: Rows of a sheet.
         seconds: Time between images.
-        count: Number of images.
         sheets: JPEGs of columns x rows images, row by row. All but the last are full.
     """
 
@@ -81,10 +80,6 @@ class Sound:
     """Sound as fragmented MP4. `init`, followed by any consecutive segments, is a stream of MIME type `type`.
 
     Attributes:
-        type: MIME type.
-        rate: Samples per second.
-        channels: Number of channels.
-        init: Initialization file.
         segments: Segments in order of time.
         position: Position of the source, world units; None if the sound has no position.
     """

@@ -82,10 +82,7 @@ def is_intact(folder: Path, entry: FileEntry | Asset) -> bool:
 def find_leftover_files(folder: Path, manifest: Manifest, cut: bool) -> list[str]:
     """Return files of dropped groups, and pages, that a killed writer did not delete.
 
-    Args:
-        folder: Folder of the reel.
-        manifest: Manifest of the reel.
-        cut: Include files after the last group.
+    `cut`: Include files after the last group.
     """
     found, named = [], manifest.uris
     for path in (path for kind in ("layers", "groups", "pages") for path in (folder / kind).glob("*")):

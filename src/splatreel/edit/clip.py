@@ -142,7 +142,6 @@ class Outline:
 
     Attributes:
         name: Name of the reel, for messages.
-        header: Header of the reel.
         limits: Limits of the views.
         texts: Title, author, description and license.
         renditions: Names of the renditions, best first; empty for one.

@@ -84,9 +84,7 @@ MOST = 30_000
 class Grounded(ChangedClip):
     """Clip with one more layer, which all groups show.
 
-    Args:
-        clip: The clip.
-        ground: Points of the layer.
+    `ground`: Points of the layer.
     """
 
     def __init__(self, clip: Clip, ground: Gaussians) -> None:
@@ -122,9 +120,7 @@ class _Layer:
 def with_ground(clip: Clip, path: str | Path) -> Clip:
     """Return a clip of a subject with the ground of its capture.
 
-    Args:
-        clip: The clip.
-        path: Folder or address of the capture.
+    `path`: Folder or address of the capture.
 
     Raises:
         CaptureError: The capture cannot be used.

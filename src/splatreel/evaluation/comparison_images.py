@@ -41,11 +41,7 @@ def write_images(
 ) -> None:
     """Write truth, render and error of the worst and the median frame of each camera, and the layers of the worst frame.
 
-    Args:
-        folder: Folder of the images.
-        timeline: The reel.
-        capture: The capture.
-        psnr: PSNR by camera and frame.
+    `folder`: Folder of the images.
     """
     for name, by_frame in psnr.items():
         view = capture.camera(name)

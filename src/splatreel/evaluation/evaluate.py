@@ -220,7 +220,6 @@ class Scores:
         moving_share: Share of pixels with motion in each image.
         masked_share: Share of pixels within the masks in each image, if there are masks. Only these are measured.
         before: PSNR of each image before encoding.
-        render_seconds: Seconds to render each image.
         flicker: Flicker of the images.
     """
 
@@ -377,11 +376,8 @@ def read_frames(capture: Capture, frames: list[int], names: list[str]):
 def choose_cameras(capture: Capture, manifest: Manifest, names: Sequence[str] | None) -> list[Camera]:
     """Return the cameras to evaluate.
 
-    Args:
-        capture: Capture of the reel.
-        manifest: Manifest of the reel.
-        names: Names of cameras. None means those that the reel says were held out. Without these, it means the capture's
-            held-out cameras that the reel was not trained on, or all of them if the reel was trained on each.
+    `names`: Names of cameras. None means those that the reel says were held out. Without these, it means the capture's
+    held-out cameras that the reel was not trained on, or all of them if the reel was trained on each.
 
     Raises:
         UsageError: There are no cameras, or a mix of held-out and training views, whose mean would be meaningless.

@@ -200,7 +200,6 @@ class Flicker:
 
     Attributes:
         borders: Frames that fade from one group to the next.
-        steps: Flicker by frame and camera.
     """
 
     def __init__(self, borders: set[int]) -> None:

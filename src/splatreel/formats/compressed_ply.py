@@ -28,10 +28,7 @@ _LOWEST, _HIGHEST = -20.0, 20.0
 def write_compressed_ply(path: str | Path, gaussians: Gaussians, antialias: bool = False) -> None:
     """Write a compressed PLY file atomically.
 
-    Args:
-        path: Output file.
-        gaussians: Gaussians to write.
-        antialias: Value of the mark of antialiasing, as for `render_image`.
+    `antialias`: Value of the mark of antialiasing, as for `render_image`.
 
     Raises:
         StorageError: The file cannot be written.
@@ -118,10 +115,8 @@ def is_packed(columns: Columns) -> bool:
 def unpack_columns(elements: dict[str, Columns], source: str) -> Columns:
     """Return columns as in a 3DGS PLY file, with logarithms of scales and logits of opacities.
 
-    Args:
-        elements: The elements `vertex`, `chunk`, and `sh` if there is view-dependent color. Chunks of older files lack
-            the range of colors, which is then 0..1.
-        source: Name of the file, for messages.
+    `elements`: The elements `vertex`, `chunk`, and `sh` if there is view-dependent color. Chunks of older files lack
+    the range of colors, which is then 0..1.
 
     Raises:
         GaussiansError: A column is missing, or the numbers of rows do not fit.

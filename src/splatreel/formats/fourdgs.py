@@ -36,10 +36,7 @@ _AXES = ("x", "y", "z", "-x", "-y", "-z")
 class FourdgsScene:
     """Sequence of samples of a .4dgs file, at the middle of each frame.
 
-    Args:
-        path: Input file.
-        fps: Samples per second; None takes 30.
-        budget: Memory that reading may take.
+    `fps`: Samples per second; None takes 30.
 
     Raises:
         GaussiansError: The file cannot be read, or takes too much memory.
@@ -123,11 +120,6 @@ def write_fourdgs(path: Path, film: Film, fps: float) -> None:
 
     Each Gaussian has a window of time in which it is shown: as long as all its values stay the same.
 
-    Args:
-        path: Output file.
-        film: The Gaussians.
-        fps: Frames per second.
-
     Raises:
         GaussiansError: The package fourdgs is missing.
         StorageError: The file cannot be written.
@@ -200,13 +192,7 @@ _CODECS = {"deflate": 0, "zstd": 1}
 
 
 def check_memory(data: bytes, source: str, budget: MemoryBudget) -> None:
-    """Raise `GaussiansError` if reading a .4dgs file takes too much memory. Damaged files are left to their reader.
-
-    Args:
-        data: The file.
-        source: Name of the file.
-        budget: Memory that reading may take.
-    """
+    """Raise `GaussiansError` if reading a .4dgs file takes too much memory. Damaged files are left to their reader."""
     from fourdgs import exceptions, opcode, records, serialization  # pyright: ignore[reportMissingImports] - optional
 
     needed = len(data)

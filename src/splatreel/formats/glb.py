@@ -30,10 +30,7 @@ _EXTENSION = {
 def write_glb(path: str | Path, gaussians: Gaussians, shift: np.ndarray | None = None) -> None:
     """Write a .glb file atomically. The y axis of glTF is up.
 
-    Args:
-        path: Output file.
-        gaussians: Gaussians to write.
-        shift: Translation of the scene, [3] float64; None is 0, 0, 0.
+    `shift`: Translation of the scene, [3] float64; None is 0, 0, 0.
 
     Raises:
         StorageError: The file cannot be written.

@@ -34,7 +34,6 @@ class Program:
     """A program that reads files of Gaussians.
 
     Attributes:
-        name: Name of the program.
         formats: Formats of `FRAME_FORMATS` that it reads, the best first.
         degree: The only degree of spherical harmonics that it reads correctly; None for any.
         reads_double: True if positions may be stored as double.
@@ -124,7 +123,6 @@ class FrameFormat:
     Attributes:
         suffix: End of the names of its files.
         up: Axis that points up in its files.
-        write: Function that writes a file.
         keeps_origin: True if positions far from 0, 0, 0 keep their precision. Other formats leave the origin out.
         marks_antialias: True if its files can mark that points were trained with antialiasing.
     """

@@ -203,9 +203,7 @@ class _Package:
 def read_sog(path: Path, budget: MemoryBudget = UNRAISED) -> Columns:
     """Return columns as in a 3DGS PLY file, with logarithms of scales and logits of opacities.
 
-    Args:
-        path: A .sog file, or the meta.json of an unpacked one.
-        budget: Memory that reading may take.
+    `path`: A .sog file, or the meta.json of an unpacked one.
 
     Raises:
         GaussiansError: The file is damaged, of another version, or takes too much memory.

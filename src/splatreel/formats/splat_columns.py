@@ -53,9 +53,7 @@ LIMITS = {"means": 1e12, "scales": 1e12, "sh": 1e4}
 def check_plausible(points: Gaussians, what: str) -> Gaussians:
     """Return the Gaussians if all values are plausible.
 
-    Args:
-        points: Gaussians to check.
-        what: Start of the message.
+    `what`: Start of the message.
 
     Raises:
         GaussiansError: A value exceeds its limit. The message names the point and the value.

@@ -162,10 +162,6 @@ class _Header:
 def read_spz(path: Path, budget: MemoryBudget = UNRAISED) -> Columns:
     """Return columns as in a 3DGS PLY file, with logarithms of scales and logits of opacities, in the axes of SPZ.
 
-    Args:
-        path: Input file.
-        budget: Memory that reading may take.
-
     Raises:
         GaussiansError: The file is damaged, of another version, or takes too much memory.
     """

@@ -92,9 +92,7 @@ def write_usd(path: Path, film: Film, fps: float) -> None:
 def estimate_bytes(path: Path, film: Film) -> int:
     """Return about how many bytes `write_usd` will write, from some pairs of neighboring frames.
 
-    Args:
-        path: Output file, whose suffix counts: numbers take three times as many bytes in text.
-        film: The Gaussians.
+    `path`: Output file, whose suffix counts: numbers take three times as many bytes in text.
     """
     steps = len(film.seconds) - 1
     total = _changed_bytes(None, film.at(film.seconds[0]))

@@ -231,10 +231,7 @@ def film_along_path(path: CameraPath, lens: Camera, fps: float) -> Sequence[Shot
 
     A looping path gives a looping film: its last frame is the one before the first.
 
-    Args:
-        path: Camera path.
-        lens: Camera with the intrinsics and size of all frames.
-        fps: Frames per second.
+    `lens`: Camera with the intrinsics and size of all frames.
 
     Raises:
         UsageError: The path takes too long.

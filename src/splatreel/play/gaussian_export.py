@@ -20,7 +20,6 @@ class GaussianExport:
     """Gaussians of a reel at some times.
 
     Attributes:
-        source: The reel.
         seconds: Times, in order.
         up: Unit up direction of the files, [3]; None keeps the axes of the capture.
         crop: Volume to keep, in the reel's coordinates; None keeps all.

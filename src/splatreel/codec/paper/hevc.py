@@ -116,11 +116,7 @@ def encode_tracks(tracks: list[tuple[str, np.ndarray, str]]) -> bytes:
 def decode_tracks(data: bytes, count: int, frames: int, sizes: list[tuple[int, int]]) -> list[np.ndarray]:
     """Decode `count` tracks to images [frames, height, width] uint8 each.
 
-    Args:
-        data: MP4 file.
-        count: Number of tracks.
-        frames: Images per track.
-        sizes: Width and height of each track.
+    `sizes`: Width and height of each track.
 
     Raises:
         ReelError: The data is anything else.

@@ -200,10 +200,7 @@ class EncodedPoints:
 def encode_points(gaussians: Gaussians, precision: Precision, directional: bool = True) -> EncodedPoints:
     """Encode finite points, N >= 1.
 
-    Args:
-        gaussians: Points to encode.
-        precision: Their precision.
-        directional: Keep view-dependent color.
+    `directional`: Keep view-dependent color.
     """
     gaussians.check_finite("Gaussians to encode")
     if len(gaussians) > MAX_POINTS:

@@ -37,7 +37,6 @@ class CheckFacts:
     """Facts of a check.
 
     Attributes:
-        capture: The capture.
         images: Images of all cameras at one moment, uint8 [C, H, W, 3], in the order of `capture.cameras`.
         sentences: Notes and doubts that were printed.
         verdict: Closing lines that were printed.

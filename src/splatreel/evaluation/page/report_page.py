@@ -70,8 +70,6 @@ class Moment:
     """Consecutive frames with a low PSNR.
 
     Attributes:
-        first: First frame.
-        last: Last frame.
         below: Largest distance to the median of all frames, dB.
     """
 
