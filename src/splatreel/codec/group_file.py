@@ -37,18 +37,18 @@ from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
-BITS = 12
+_BITS = 12
 """Bits of the logarithms. If the light halves, a step is a thirtieth of a gray level."""
 MOST = 1024.0
 """Maximum factor by which the light may brighten or darken."""
 
 
-def encode_light(light: np.ndarray) -> Sections:
+def _encode_light(light: np.ndarray) -> Sections:
     """Encode the factors `Group.light`, [T, 3]."""
-    return {"light": Section(*quantize.encode_linear(np.clip(light, 1 / MOST, MOST), BITS, log=True))}
+    return {"light": Section(*quantize.encode_linear(np.clip(light, 1 / MOST, MOST), _BITS, log=True))}
 
 
-def decode_light(sections: Sections, frames: int) -> np.ndarray:
+def _decode_light(sections: Sections, frames: int) -> np.ndarray:
     """Decode the factors, [T, 3] float32. Raise `ReelError` if the section is damaged."""
     section = section_of(sections, "light", "linear")
     light = named("light", quantize.decode_linear, section.data, section.parameters, frames, 3)
@@ -59,7 +59,7 @@ def decode_light(sections: Sections, frames: int) -> np.ndarray:
     return light
 
 
-MAX_STATIC = 1 << 26
+_MAX_STATIC = 1 << 26
 """Maximum number of static points in all layers together."""
 
 
@@ -148,7 +148,7 @@ def encode_group_again(group: Group, precision: Precision | None, directional: b
 
 def _pack_group(group: Group, sections: Sections, order: np.ndarray) -> tuple[bytes, np.ndarray]:
     if group.light is not None:
-        sections |= encode_light(group.light)
+        sections |= _encode_light(group.light)
     if len(group.alive):
         sections["alive"] = Section(*quantize.encode_bits(group.alive))
     header = FileHeader("group", group.index, len(order), group.first_frame, group.frames)
@@ -216,7 +216,7 @@ def _decode_group(data: bytes, source: str, most: int | None) -> tuple[Group, Se
         if "shade" in sections and header.points:
             of_shade = predictor or Predictor.in_file_order(header.points)
             shade = decode_shade(sections, header.frames, of_shade)
-        light = decode_light(sections, header.frames) if "light" in sections else None
+        light = _decode_light(sections, header.frames) if "light" in sections else None
         alive = np.zeros(0, bool)
         if "alive" in sections:
             alive = _decode_alive(sections["alive"])
@@ -268,6 +268,6 @@ def _decode_alive(section: Section) -> np.ndarray:
     try:
         if section.parameters.get("codec") != "bits":
             raise ReelError(f"has the unknown codec {section.parameters.get('codec')!r}, expected 'bits'.")
-        return quantize.decode_bits(section.data, section.parameters, MAX_STATIC)
+        return quantize.decode_bits(section.data, section.parameters, _MAX_STATIC)
     except ReelError as error:
         raise ReelError(f"section 'alive' {error}") from error

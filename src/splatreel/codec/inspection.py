@@ -121,7 +121,7 @@ def _check_sound(reel: ReelReader) -> None:
 
 MOTION = ("offsets", "dx", "dq", "shade")
 """Sections of a group file that hold the motion of its points and the change of their colors."""
-SWITCHES = ("alive", "light")
+_SWITCHES = ("alive", "light")
 """Sections of a group file about static points and light."""
 
 
@@ -164,7 +164,7 @@ class ReelInfo:
         layer, group = self.section_bytes["layer"], self.section_bytes["group"]
         headers = layer.get("header", 0) + group.get("header", 0)
         motion = sum(group.get(name, 0) for name in MOTION)
-        switches = sum(group.get(name, 0) for name in SWITCHES)
+        switches = sum(group.get(name, 0) for name in _SWITCHES)
         static = sum(layer.values()) - layer.get("header", 0)
         dynamic = sum(group.values()) - group.get("header", 0) - motion - switches
         return {

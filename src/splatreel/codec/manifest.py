@@ -35,11 +35,11 @@ from splatreel.scene.clearance import NONE, Clearance
 from splatreel.scene.reel_source import parse_reel_source
 from splatreel.storage.address import Address
 
-MAX_FILE_BYTES = 1 << 30
+_MAX_FILE_BYTES = 1 << 30
 """Maximum size of a layer or group file."""
-MAX_FILES = 1 << 20
+_MAX_FILES = 1 << 20
 """Maximum number of layers, and of groups, in a reel."""
-BIG = 1 << 40
+_BIG = 1 << 40
 """Upper bound of frame and group numbers."""
 
 
@@ -81,21 +81,21 @@ class FileEntry:
 
 def birth_order(layer: FileEntry) -> tuple[int, int]:
     """Return the sort key of layers: birth, then the longest-lived first. A page's layers then end the list of a group."""
-    return layer.group, -BIG if layer.until is None else -layer.until
+    return layer.group, -_BIG if layer.until is None else -layer.until
 
 
-def parse_layer(entry: object, index: int, version: int) -> FileEntry:
+def _parse_layer(entry: object, index: int, version: int) -> FileEntry:
     """Parse layers[index] of a manifest. Only version 2 has `until`."""
     try:
         common = _common(entry)
-        born = integer(common, "group", 0, BIG)
-        until = integer(common, "until", born + 1, BIG) if version > 1 and "until" in common else None
+        born = integer(common, "group", 0, _BIG)
+        until = integer(common, "until", born + 1, _BIG) if version > 1 and "until" in common else None
         return _file(common, 0, born, until)
     except ReelError as error:
         raise ReelError(f"layers[{index}] {error}") from error
 
 
-def parse_group(entry: object, index: int, number: int, names: tuple[str, ...]) -> FileEntry:
+def _parse_group(entry: object, index: int, number: int, names: tuple[str, ...]) -> FileEntry:
     """Parse groups[index], the group with the given number, in all renditions.
 
     Args:
@@ -111,7 +111,7 @@ def parse_group(entry: object, index: int, number: int, names: tuple[str, ...]) 
         if not isinstance(others, dict) or not all(isinstance(others.get(name), dict) for name in names[1:]):
             raise ReelError(f"lacks one of the renditions {', '.join(names)}.")
         time = {"first_frame": common.get("first_frame")}
-        overlap = integer(common, "overlap", 0, BIG) if "overlap" in common else None
+        overlap = integer(common, "overlap", 0, _BIG) if "overlap" in common else None
         found = {name: replace(_file(others[name] | time, frames, number), overlap=overlap) for name in names[1:]}
         return replace(_file(common, frames, number, None, found), overlap=overlap)
     except ReelError as error:
@@ -131,12 +131,12 @@ def _file(
     until: int | None = None,
     renditions: Mapping[str, FileEntry] | None = None,
 ) -> FileEntry:
-    size = integer(entry, "bytes", 1, MAX_FILE_BYTES)
+    size = integer(entry, "bytes", 1, _MAX_FILE_BYTES)
     return FileEntry(
         uri=parse_uri(entry),
         bytes=size,
         sha256=parse_digest(entry),
-        first_frame=integer(entry, "first_frame", 0, BIG),
+        first_frame=integer(entry, "first_frame", 0, _BIG),
         frames=frames,
         points=integer(entry, "points", 0, most_points(size)),
         group=group,
@@ -145,14 +145,14 @@ def _file(
     )
 
 
-def layer_to_json(entry: FileEntry) -> dict[str, Any]:
-    """Return the JSON object that `parse_layer` accepts."""
+def _layer_to_json(entry: FileEntry) -> dict[str, Any]:
+    """Return the JSON object that `_parse_layer` accepts."""
     own = {"group": entry.group} | ({} if entry.until is None else {"until": entry.until})
     return _common_fields(entry) | own | {"points": entry.points}
 
 
-def group_to_json(entry: FileEntry) -> dict[str, Any]:
-    """Return the JSON object that `parse_group` accepts."""
+def _group_to_json(entry: FileEntry) -> dict[str, Any]:
+    """Return the JSON object that `_parse_group` accepts."""
     others = {
         name: {"uri": file.uri, "bytes": file.bytes, "sha256": file.sha256, "points": file.points}
         for name, file in entry.renditions.items()
@@ -170,11 +170,11 @@ PAGE = 64
 """Groups per page when writing."""
 MAX_PAGE_GROUPS = 1024
 """Maximum groups per page when reading."""
-MAX_PAGES = 1 << 14
+_MAX_PAGES = 1 << 14
 MAX_PAGE_BYTES = 1 << 20
-MAX_PAGES_BYTES = 64 << 20
+_MAX_PAGES_BYTES = 64 << 20
 """Maximum size of all pages together."""
-LAST = 1 << 31
+_LAST = 1 << 31
 """Upper bound of frames in pages, and of the number of the first group."""
 AT_ONCE = 8
 """Pages fetched in parallel."""
@@ -207,7 +207,7 @@ class PageEntry:
     rendition_bytes: Mapping[str, int] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON object that `parse_page_entries` accepts."""
+        """Return the JSON object that `_parse_page_entries` accepts."""
         document = {name: value for name, value in vars(self).items() if name != "rendition_bytes"}
         return document | ({"rendition_bytes": dict(self.rendition_bytes)} if self.rendition_bytes else {})
 
@@ -221,7 +221,7 @@ class Page:
 
     def to_bytes(self) -> bytes:
         """Return the content of the file."""
-        layers, groups = map(layer_to_json, self.layers), map(group_to_json, self.groups)
+        layers, groups = map(_layer_to_json, self.layers), map(_group_to_json, self.groups)
         return in_lines({"layers": list(layers), "groups": list(groups)}).encode()
 
 
@@ -233,7 +233,7 @@ def make_page(
     `names`: Names of the renditions.
     """
     first, last = groups[0].group, groups[-1].group
-    data = Page(tuple(retired_layers(layers, first, last)), tuple(groups)).to_bytes()
+    data = Page(tuple(_retired_layers(layers, first, last)), tuple(groups)).to_bytes()
     if len(data) > MAX_PAGE_BYTES:
         raise ReelError(f"needs a page of {len(data)} bytes for groups {first} to {last}; {MAX_PAGE_BYTES} are read.")
     entry = PageEntry(
@@ -248,7 +248,7 @@ def make_page(
     return entry, data
 
 
-def retired_layers(layers: Iterable[FileEntry], first: int, last: int) -> list[FileEntry]:
+def _retired_layers(layers: Iterable[FileEntry], first: int, last: int) -> list[FileEntry]:
     """Return the layers with `until` that live at any of the groups `first` to `last`."""
     return [layer for layer in layers if layer.until is not None and layer.group <= last and first < layer.until]
 
@@ -262,16 +262,16 @@ def rendition_bytes(groups: Iterable[FileEntry], names: Sequence[str]) -> dict[s
     return sizes
 
 
-def parse_page_entries(document: Mapping[str, Any], names: Sequence[str]) -> tuple[PageEntry, ...]:
+def _parse_page_entries(document: Mapping[str, Any], names: Sequence[str]) -> tuple[PageEntry, ...]:
     """Parse the manifest's `pages`. Raise `ReelError` if they are not valid."""
     if "pages" not in document:
         return ()
-    entries = items(document, "pages", 0, MAX_PAGES)
+    entries = items(document, "pages", 0, _MAX_PAGES)
     pages = tuple(_parse_entry(entry, index, names) for index, entry in enumerate(entries))
-    if sum(page.bytes for page in pages) > MAX_PAGES_BYTES:
-        raise ReelError(f"has pages of more than the {MAX_PAGES_BYTES} bytes that all of them may have.")
-    if sum(page.groups for page in pages) > MAX_FILES:
-        raise ReelError(f"has pages of more than {MAX_FILES} groups.")
+    if sum(page.bytes for page in pages) > _MAX_PAGES_BYTES:
+        raise ReelError(f"has pages of more than the {_MAX_PAGES_BYTES} bytes that all of them may have.")
+    if sum(page.groups for page in pages) > _MAX_FILES:
+        raise ReelError(f"has pages of more than {_MAX_FILES} groups.")
     return pages
 
 
@@ -286,10 +286,10 @@ def _parse_entry(entry: object, index: int, names: Sequence[str]) -> PageEntry:
             uri=parse_uri(entry),
             bytes=integer(entry, "bytes", 1, MAX_PAGE_BYTES),
             sha256=parse_digest(entry),
-            first_frame=integer(entry, "first_frame", 0, LAST),
-            frames=integer(entry, "frames", 1, LAST),
+            first_frame=integer(entry, "first_frame", 0, _LAST),
+            frames=integer(entry, "frames", 1, _LAST),
             groups=integer(entry, "groups", 1, MAX_PAGE_GROUPS),
-            rendition_bytes={name: integer(sizes, name, 1, BIG) for name in names},
+            rendition_bytes={name: integer(sizes, name, 1, _BIG) for name in names},
         )
     except ReelError as error:
         raise ReelError(f"pages[{index}] {error}") from error
@@ -334,9 +334,9 @@ def _parse_page(data: bytes, entry: PageEntry, first: int, names: tuple[str, ...
     if len(data) != entry.bytes or hashlib.sha256(data).hexdigest() != entry.sha256:
         raise ReelError("is damaged: its length or its sha256 is not the manifest's. Copy the reel again.")
     document = parse_object(data)
-    layers = tuple(parse_layer(item, i, 2) for i, item in enumerate(items(document, "layers", 0, MAX_FILES)))
+    layers = tuple(_parse_layer(item, i, 2) for i, item in enumerate(items(document, "layers", 0, _MAX_FILES)))
     listed = items(document, "groups", entry.groups, entry.groups)
-    groups = tuple(parse_group(item, i, first + i, names) for i, item in enumerate(listed))
+    groups = tuple(_parse_group(item, i, first + i, names) for i, item in enumerate(listed))
     if sum(layer.points for layer in layers) > most_points(sum(layer.bytes for layer in layers)):
         raise ReelError("has layers of more points than their bytes hold.")
     return Page(layers, groups)
@@ -353,7 +353,7 @@ def _check_page(page: Page, entry: PageEntry, names: tuple[str, ...]) -> None:
         raise ReelError(f"has renditions of {sizes} bytes, the manifest says {entry.rendition_bytes}.")
 
 
-def join_layers(parts: Sequence[Page]) -> tuple[FileEntry, ...]:
+def _join_layers(parts: Sequence[Page]) -> tuple[FileEntry, ...]:
     """Return all layers of a reel in order of birth, from the lists of the manifest and its pages.
 
     Args:
@@ -409,13 +409,13 @@ def _span(part: Page) -> tuple[int, int]:
 
 
 FORMAT = "splatreel"
-VERSIONS = 1, 2
+_VERSIONS = 1, 2
 """Supported versions. A reel needs version 2 if it has pages, retired layers, several layers at a group, or dropped groups."""
 MANIFEST = "manifest.json"
 MAX_BYTES = 16 << 20
 """Maximum size of a manifest."""
 
-MAX_RENDITIONS = 16
+_MAX_RENDITIONS = 16
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,31}")
 
 
@@ -525,7 +525,7 @@ class Manifest(ReelHeader):
     @cached_property
     def _lives(self) -> np.ndarray:
         """Birth group, retirement group and number of points of each layer, [3, L]."""
-        lives = [(layer.group, BIG + 1 if layer.until is None else layer.until, layer.points) for layer in self.layers]
+        lives = [(layer.group, _BIG + 1 if layer.until is None else layer.until, layer.points) for layer in self.layers]
         return np.array(lives, np.int64).reshape(-1, 3).T
 
     def to_json(self) -> str:
@@ -566,7 +566,7 @@ class Manifest(ReelHeader):
             document["pages"] = [page.to_json() for page in self.pages]
         own = self.groups[self.paged :]
         layers = [layer for layer in self.layers if not self.pages or layer.until is None or layer.until > own[0].group]
-        document |= {"layers": [*map(layer_to_json, layers)], "groups": [*map(group_to_json, own)]}
+        document |= {"layers": [*map(_layer_to_json, layers)], "groups": [*map(_group_to_json, own)]}
         return in_lines(document)
 
 
@@ -598,8 +598,8 @@ def _load(data: bytes) -> dict[str, Any]:
     if document.get("format") != FORMAT:
         raise ReelError("is not the manifest of a reel: its `format` is not 'splatreel'.")
     version = document.get("version")
-    if version not in VERSIONS or isinstance(version, bool):
-        read = " and ".join(map(str, VERSIONS))
+    if version not in _VERSIONS or isinstance(version, bool):
+        read = " and ".join(map(str, _VERSIONS))
         raise ReelError(f"has version {version!r:.60}; this Splatreel reads {read}. Update Splatreel.")
     return document
 
@@ -608,12 +608,12 @@ def _parse(document: dict[str, Any], fetch: Fetch | None, whole: bool, known: Kn
     manifest = _parse_header(document)
     version, names = document["version"], manifest.renditions
     if version > 1:
-        first = integer(document, "first_group", 0, LAST) if "first_group" in document else 0
-        manifest = replace(manifest, first_group=first, pages=parse_page_entries(document, names))
+        first = integer(document, "first_group", 0, _LAST) if "first_group" in document else 0
+        manifest = replace(manifest, first_group=first, pages=_parse_page_entries(document, names))
     own = manifest.first_group + manifest.paged
-    layers = tuple(parse_layer(entry, i, version) for i, entry in enumerate(items(document, "layers", 0, MAX_FILES)))
-    listed = items(document, "groups", 0, MAX_FILES)
-    part = Page(layers, tuple(parse_group(entry, i, own + i, names) for i, entry in enumerate(listed)))
+    layers = tuple(_parse_layer(entry, i, version) for i, entry in enumerate(items(document, "layers", 0, _MAX_FILES)))
+    listed = items(document, "groups", 0, _MAX_FILES)
+    part = Page(layers, tuple(_parse_group(entry, i, own + i, names) for i, entry in enumerate(listed)))
     if not part.groups and not (manifest.live and not manifest.pages):
         raise ReelError("has no group.")
     pages, complete = _load_pages(manifest, fetch, whole, known)
@@ -647,7 +647,7 @@ def _load_pages(manifest: Manifest, fetch: Fetch | None, whole: bool, known: Kno
 
 def _joined(manifest: Manifest, parts: list[Page]) -> Manifest:
     """Return the manifest with the layers and groups of all parts. The part of the manifest itself comes last."""
-    return manifest.with_files(join_layers(parts), (group for part in parts for group in part.groups))
+    return manifest.with_files(_join_layers(parts), (group for part in parts for group in part.groups))
 
 
 def _check(manifest: Manifest, document: dict[str, Any]) -> None:
@@ -666,7 +666,7 @@ def _check(manifest: Manifest, document: dict[str, Any]) -> None:
     if layers and layers[-1].group >= manifest.end_group:
         raise ReelError(f"has a layer of group {layers[-1].group}, but {len(groups)} groups.")
     for entry, (name, size) in zip(document.get("renditions", []), manifest.rendition_bytes().items(), strict=False):
-        if integer(entry, "bytes", 0, BIG) != size:
+        if integer(entry, "bytes", 0, _BIG) != size:
             raise ReelError(f"says that rendition {name} has {entry['bytes']} bytes; its groups have {size}.")
 
 
@@ -681,9 +681,9 @@ def _parse_header(document: dict[str, Any]) -> Manifest:
         generator=generator if isinstance(generator, str) else "",
         live=live,
         fps=number(document, "fps", 1e-3, 1e5),
-        frames=integer(document, "frames", 0 if live else 1, BIG),
-        group_length=integer(document, "group_length", 1, BIG),
-        overlap=integer(document, "overlap", 0, BIG),
+        frames=integer(document, "frames", 0 if live else 1, _BIG),
+        group_length=integer(document, "group_length", 1, _BIG),
+        overlap=integer(document, "overlap", 0, _BIG),
         sh_degree=integer(document, "sh_degree", 0, 3),
         bounds=np.stack(bounds),
         up=numbers(document, "up", 3),
@@ -719,7 +719,7 @@ def _parse_clearance(entry: object) -> Clearance:
 
 def _parse_names(document: dict[str, Any]) -> tuple[str, ...]:
     """Parse the names of the renditions. A single rendition counts as none."""
-    entries = items(document, "renditions", 0, MAX_RENDITIONS) if "renditions" in document else []
+    entries = items(document, "renditions", 0, _MAX_RENDITIONS) if "renditions" in document else []
     given = [entry.get("name") if isinstance(entry, dict) else None for entry in entries]
     names = tuple(name for name in given if isinstance(name, str) and _NAME.fullmatch(name))
     if len(set(names)) < len(given):

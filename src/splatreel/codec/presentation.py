@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from splatreel.base.errors import ReelError
 from splatreel.codec.quantize import integer, number, numbers
 
-MAX_ASSET_BYTES = 64 << 20
+_MAX_ASSET_BYTES = 64 << 20
 """Maximum size of an image or sound file."""
 MAX_TEXT = {"title": 200, "author": 200, "description": 2000, "licence": 200}
 """Maximum number of characters of each text."""
@@ -217,7 +217,7 @@ def _parse_text(document: dict[str, Any], name: str) -> str:
 def _parse_asset(entry: object) -> Asset:
     if not isinstance(entry, dict):
         raise ReelError("has a file entry that is not an object.")
-    return Asset(parse_uri(entry), integer(entry, "bytes", 1, MAX_ASSET_BYTES), parse_digest(entry))
+    return Asset(parse_uri(entry), integer(entry, "bytes", 1, _MAX_ASSET_BYTES), parse_digest(entry))
 
 
 def _parse_assets(value: object) -> tuple[Asset, ...]:

@@ -24,7 +24,7 @@ FOLDER = Path("work", "preview")
 
 def newest_preview(out: Path) -> Path | None:
     """Return the folder of the newest preview of a run in the folder `out`; None if there is none."""
-    found = numbered_previews(out)
+    found = _numbered_previews(out)
     return found[max(found)] if found else None
 
 
@@ -33,7 +33,7 @@ def remove_previews(out: Path) -> None:
     shutil.rmtree(out / FOLDER, ignore_errors=True)
 
 
-def numbered_previews(out: Path) -> dict[int, Path]:
+def _numbered_previews(out: Path) -> dict[int, Path]:
     """Return the folders of all previews by their number."""
     try:
         manifests = list((out / FOLDER).glob("*/manifest.json"))
@@ -44,7 +44,7 @@ def numbered_previews(out: Path) -> dict[int, Path]:
 
 def write_preview(out: Path, header: ReelHeader, limits: Limits | None, points: Gaussians) -> Path:
     """Write another preview of a run in the folder `out`, then delete the older ones. Return its folder."""
-    before = numbered_previews(out)
+    before = _numbered_previews(out)
     folder = out / FOLDER / f"{max(before, default=0) + 1:04d}"
     shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed before it wrote the manifest
     writer = ReelWriter(folder, header, config=EncodeConfig())

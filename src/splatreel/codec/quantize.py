@@ -199,7 +199,7 @@ def _short(value: object) -> str:
 
 MOST_FRAMES = 10_000
 """Maximum number of frames of a group."""
-MAX_OFFSETS = 1 << 26
+_MAX_OFFSETS = 1 << 26
 """Maximum number of frames times points of a group."""
 _POINT, _VALUE, _COEFFICIENT, _COLOR, _BASIS, _PIXEL = 256, 32, 6, 6, 32, 2
 """Bytes of memory per point, per point and frame, per `klt` coefficient, per `sh_rest` number, per basis number and per map pixel."""
@@ -276,11 +276,11 @@ def check_offsets(dx: np.ndarray, dq: np.ndarray) -> None:
     """Raise `ReelError` if offsets dx [T, N, 3] or dq [T, N, 4] are not finite or too many for a group."""
     if not (np.isfinite(dx).all() and np.isfinite(dq).all()):
         raise ReelError("Offsets hold NaN or infinity and cannot be encoded.")
-    if dx.shape[0] * dx.shape[1] > MAX_OFFSETS:
+    if dx.shape[0] * dx.shape[1] > _MAX_OFFSETS:
         raise ReelError(f"{dx.shape[1]} points x {dx.shape[0]} frames are too many offsets. Make shorter groups.")
 
 
 def check_offset_count(frames: int, points: int) -> None:
     """Raise `ReelError` if a file claims more offsets than a group may have."""
-    if not 1 <= frames <= MOST_FRAMES or frames * points > MAX_OFFSETS:
+    if not 1 <= frames <= MOST_FRAMES or frames * points > _MAX_OFFSETS:
         raise ReelError(f"claims {frames} frames of {points} points, more than can be decoded.")

@@ -53,17 +53,17 @@ def read_written_manifest(folder: Path) -> Manifest | None:
         raise ReelError(f"{file}: cannot be read ({error.strerror}). Make it readable or delete it.") from error
 
 
-def first_damaged_group(folder: Path, manifest: Manifest) -> int:
+def _first_damaged_group(folder: Path, manifest: Manifest) -> int:
     """Return the number of the first group with a damaged file or layer, or of the next group if all are intact.
 
     Raises:
         ReelError: A file cannot be read.
     """
-    broken = [entry.group for entry in manifest.files if not is_intact(folder, entry)]
+    broken = [entry.group for entry in manifest.files if not _is_intact(folder, entry)]
     return max(min(broken, default=manifest.end_group), manifest.first_group)
 
 
-def is_intact(folder: Path, entry: FileEntry | Asset) -> bool:
+def _is_intact(folder: Path, entry: FileEntry | Asset) -> bool:
     """Return whether a file has the length and digest of its entry. Raise `ReelError` if it cannot be read."""
     path, digest = folder / entry.uri, hashlib.sha256()
     try:
@@ -79,7 +79,7 @@ def is_intact(folder: Path, entry: FileEntry | Asset) -> bool:
     return digest.hexdigest() == entry.sha256
 
 
-def find_leftover_files(folder: Path, manifest: Manifest, cut: bool) -> list[str]:
+def _find_leftover_files(folder: Path, manifest: Manifest, cut: bool) -> list[str]:
     """Return files of dropped groups, and pages, that a killed writer did not delete.
 
     `cut`: Include files after the last group.
@@ -154,9 +154,9 @@ class ReelWriter:
         if cut := written.paged == len(written.groups):  # a damaged page, and everything after it, is missing
             self._write_manifest(self._manifest)
         if keep:
-            for uri in find_leftover_files(self.path, self._manifest, cut):
+            for uri in _find_leftover_files(self.path, self._manifest, cut):
                 self._delete(uri)
-        self._drop_from(first_damaged_group(self.path, self._manifest) if keep else written.first_group)
+        self._drop_from(_first_damaged_group(self.path, self._manifest) if keep else written.first_group)
         if not self._manifest.groups:
             first = first_group if first_group is not None or not keep else written.first_group
             self._manifest = replace(self._manifest, first_group=first or 0)
@@ -303,7 +303,7 @@ class ReelWriter:
         """Remove images and sound with a damaged file; the caller creates them again."""
         names = {name for name in ("poster", "thumbnails", "sound") if getattr(presentation, name) is not None}
         alone = {name: replace(EMPTY, **{name: getattr(presentation, name)}) for name in names}
-        damaged = [name for name in names if not all(is_intact(self.path, asset) for asset in alone[name].assets)]
+        damaged = [name for name in names if not all(_is_intact(self.path, asset) for asset in alone[name].assets)]
         return replace(presentation, **dict.fromkeys(damaged))
 
     def _check_next(self, group: int) -> None:

@@ -74,7 +74,7 @@ def padded(pieces: Sequence[SoundPiece], seconds: float) -> tuple[SoundPiece, ..
     return (*parts, SoundPiece(None, missing)) if missing > 0 else parts
 
 
-def read_pieces(pieces: Sequence[SoundPiece], channels: int, start: float, seconds: float) -> np.ndarray:
+def _read_pieces(pieces: Sequence[SoundPiece], channels: int, start: float, seconds: float) -> np.ndarray:
     """Return samples [n, channels] of a range of the pieces, with silence after their end."""
     first = round(start * RATE)
     last = first + max(round(seconds * RATE), 0)
@@ -133,7 +133,7 @@ class ClipSound:
 
     def read(self, start: float, seconds: float) -> np.ndarray:
         """Return samples [n, channels] float32, from a start and a duration in seconds."""
-        return read_pieces(self.pieces, self.channels, start, seconds)
+        return _read_pieces(self.pieces, self.channels, start, seconds)
 
 
 @dataclass(frozen=True)

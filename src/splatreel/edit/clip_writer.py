@@ -27,7 +27,7 @@ BLOCK = 2.0
 """Seconds that are read at a time."""
 
 
-class FileSound:
+class _FileSound:
     """Samples of a sound file from `start` seconds on; a negative start is silence first."""
 
     def __init__(self, file: Path, start: float) -> None:
@@ -69,11 +69,11 @@ def replace_sound(outline: Outline, file: Path | None, start: float = 0.0) -> Ou
     """
     if file is None:
         return replace(outline, sound=None)
-    sound = FileSound(file, start)
+    sound = _FileSound(file, start)
     return replace(outline, sound=ClipSound(sound.channels, None, (SoundPiece(sound.read),)))
 
 
-def write_clip_sound(writer: ReelWriter, outline: Outline) -> None:
+def _write_clip_sound(writer: ReelWriter, outline: Outline) -> None:
     """Write the sound of a clip into a reel that has all its groups. The files of an unchanged sound are copied."""
     sound = outline.sound
     if sound is None:
@@ -164,7 +164,7 @@ class _ClipWriter:
                 f"{self.outline.name}: no point is left after these operations. Choose a larger volume or less."
             )
         self.writer.present(replace(EMPTY, **self.outline.texts, limits=self.outline.limits))
-        write_clip_sound(self.writer, self.outline)
+        _write_clip_sound(self.writer, self.outline)
         PresentationWriter()(self.writer, None)
         self.writer.finish()
         return sum(file.bytes for file in self.writer.manifest.files)

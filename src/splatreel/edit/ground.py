@@ -63,15 +63,15 @@ def floor_height(clip: Clip) -> float:
 
 MOMENTS = 15
 """Number of frames whose median is the clean plate of a camera."""
-FEET = 0.01
+_FEET = 0.01
 """Share of the subject's points that may be below its feet: strays, and shadows in masks."""
 MARGIN = 0.6
 """Width of the ground around the subject, in heights of the subject."""
-SOFT = 0.35
+_SOFT = 0.35
 """Share of this width at the edge, over which the ground fades."""
 SEARCHED = 0.12
 """Height above and below the feet in which the plane is searched, in heights of the subject."""
-FARTHER = 0.1
+_FARTHER = 0.1
 """Disagreement, 0..1, that counts as much as the whole searched height."""
 PIXELS = 1.5
 """Distance of two points, pixels of a typical camera."""
@@ -186,7 +186,7 @@ class _Plane:
         right = right - (right @ up) * up
         right /= np.linalg.norm(right)
         axes = np.stack([right, np.cross(up, right), up])
-        low, high = np.quantile(points @ axes.T, [FEET, 1 - FEET], axis=0)
+        low, high = np.quantile(points @ axes.T, [_FEET, 1 - _FEET], axis=0)
         height = float(high[2] - low[2])
         center = np.array([*(low + high)[:2] / 2, low[2]]) @ axes
         return _Plane(center, up, right, (high - low)[:2] / 2 + MARGIN * height, height)
@@ -235,7 +235,7 @@ def _best(plane: _Plane, cameras: list[Camera], plates: np.ndarray) -> _Plane:
         known = np.where(seen[..., None], colors, np.nan)[:, several]
         known = known - np.nanmedian(known, axis=(1, 2), keepdims=True)  # exposures differ
         away = abs((candidate.center - plane.center) @ plane.up) / (SEARCHED * plane.height)
-        return float(np.median(np.nanstd(known, 0).mean(-1)) + FARTHER / 10 * away)
+        return float(np.median(np.nanstd(known, 0).mean(-1)) + _FARTHER / 10 * away)
 
     best = plane
     for fine in (1.0, 0.3):
@@ -264,7 +264,7 @@ def _gaussians(plane: _Plane, cameras: list[Camera], plates: np.ndarray, near: f
     near_known = distance[:, 0] < HOLE * plane.height
     places, out, color = places[near_known], out[near_known], color[near_known]
     count = len(places)
-    fade = np.clip((1 - out) / SOFT, 0, 1)
+    fade = np.clip((1 - out) / _SOFT, 0, 1)
     scales = np.broadcast_to([0.6 * step, 0.6 * step, 0.05 * step], (count, 3))
     quats = np.broadcast_to(turn_between(np.array([0.0, 0.0, 1.0]), plane.up), (count, 4))
     opacities = 0.98 * fade**2 * (3 - 2 * fade)

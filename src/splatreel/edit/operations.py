@@ -32,7 +32,7 @@ from splatreel.scene.gaussians import turn_between
 from splatreel.scene.volumes import Outside, Sphere, fail, parse_number, parse_numbers, parse_volume
 
 
-def parse_axis(name: str, value: str) -> np.ndarray:
+def _parse_axis(name: str, value: str) -> np.ndarray:
     """Return a unit direction [3]: x, -x, y, -y, z, -z or three numbers."""
     match = re.fullmatch("(-?)([xyz])", value.strip())
     direction = np.zeros(3)
@@ -48,7 +48,7 @@ def parse_axis(name: str, value: str) -> np.ndarray:
     return direction / length
 
 
-def parse_color(name: str, value: str) -> np.ndarray:
+def _parse_color(name: str, value: str) -> np.ndarray:
     """Return a color `#rrggbb` as [3], 0..1."""
     match = re.fullmatch("#?([0-9a-fA-F]{6})", value)
     if match is None:
@@ -76,11 +76,11 @@ def _frame(name: str, text: str, fps: float) -> int:
     return int(text)
 
 
-GAMMA = 2.2
+_GAMMA = 2.2
 """Exponent between light and colors. An exposure then multiplies colors, as the light of a group does."""
 
 
-class Lit(ChangedClip):
+class _Lit(ChangedClip):
     """Clip whose colors are multiplied by `gain` [3], also those of the background."""
 
     def __init__(self, clip: Clip, gain: np.ndarray) -> None:
@@ -93,12 +93,12 @@ class Lit(ChangedClip):
         return replace(found, group=replace(found.group, light=light * self._gain))
 
 
-def gain_of_exposure(stops: float) -> np.ndarray:
+def _gain_of_exposure(stops: float) -> np.ndarray:
     """Return the gain [3] of an exposure longer by a number of stops."""
-    return np.full(3, 2 ** (stops / GAMMA))
+    return np.full(3, 2 ** (stops / _GAMMA))
 
 
-def gain_of_white(color: np.ndarray) -> np.ndarray:
+def _gain_of_white(color: np.ndarray) -> np.ndarray:
     """Return the gain [3] that makes a color [3], 0..1, gray without a change of its mean brightness."""
     return color.mean() / color
 
@@ -225,13 +225,13 @@ def _cameras(clip: Clip, value: str) -> Selection:
 
 def _rotate(clip: Clip, value: str) -> Clip:
     *axis, degrees = value.split(",")
-    direction = parse_axis("rotate", ",".join(axis))
+    direction = _parse_axis("rotate", ",".join(axis))
     half = np.radians(parse_number("rotate", degrees, -3600, 3600)) / 2
     return Moved(clip, Similarity(quat=np.concatenate([[np.cos(half)], np.sin(half) * direction])))
 
 
 def _up(clip: Clip, value: str) -> Clip:
-    quat = turn_between(clip.outline.header.up, parse_axis("up", value))
+    quat = turn_between(clip.outline.header.up, _parse_axis("up", value))
     return Moved(clip, Similarity(quat=quat, turns_up=True))
 
 
@@ -272,28 +272,28 @@ def _ground(clip: Clip, value: str) -> Clip:
 
 
 def _exposure(clip: Clip, value: str) -> Clip:
-    return Lit(clip, gain_of_exposure(parse_number("exposure", value, -8, 8)))
+    return _Lit(clip, _gain_of_exposure(parse_number("exposure", value, -8, 8)))
 
 
 def _gain(clip: Clip, value: str) -> Clip:
     gain = parse_numbers("gain", value if "," in value else ",".join([value] * 3), 3)
     if not ((gain >= 0.01) & (gain <= 100)).all():
         raise fail("gain", value, "Give factors from 0.01 to 100")
-    return Lit(clip, gain)
+    return _Lit(clip, gain)
 
 
 def _white(clip: Clip, value: str) -> Clip:
-    color = parse_color("white", value)
+    color = _parse_color("white", value)
     if color.min() < 0.02:
         raise fail("white", value, "Give a color that is not so dark")
-    return Lit(clip, gain_of_white(color))
+    return _Lit(clip, _gain_of_white(color))
 
 
 def _background(clip: Clip, value: str) -> Clip:
     header = clip.outline.header
     if value == "transparent":
         return ChangedClip(clip, replace(clip.outline, header=replace(header, transparent=True)))
-    red, green, blue = parse_color("background", value).tolist()
+    red, green, blue = _parse_color("background", value).tolist()
     return ChangedClip(
         clip, replace(clip.outline, header=replace(header, transparent=False, background=(red, green, blue)))
     )

@@ -44,7 +44,7 @@ class Selected(ChangedClip):
     def change_group(self, index: int, found: ClipGroup) -> ClipGroup:
         """Return a group with the kept points."""
         alive = {layer: flags[self._mask(layer)] for layer, flags in found.alive.items()}
-        return replace(keep_at(found, self._selection.moving(self._clip, index, found)), alive=alive)
+        return replace(_keep_at(found, self._selection.moving(self._clip, index, found)), alive=alive)
 
     def _mask(self, index: int, layer: ClipLayer | None = None) -> np.ndarray:
         if index not in self._kept:
@@ -53,7 +53,7 @@ class Selected(ChangedClip):
         return self._kept[index]
 
 
-def keep_at(found: ClipGroup, kept: np.ndarray) -> ClipGroup:
+def _keep_at(found: ClipGroup, kept: np.ndarray) -> ClipGroup:
     """Return a group whose dynamic points show only at some frames, [T, N] or [1, N] bool."""
     some = np.asarray(kept.any(0))
     found, kept = (found, kept) if some.all() else (found[some], kept[:, some])
@@ -220,7 +220,7 @@ class SeenByCameras:
             self._drawn = {key: images for key, images in self._drawn.items() if key[0] == index}
             header = clip.outline.header
             shown, _, _ = shown_points(clip, index, frame)
-            drawn = [surface_depth(shown, camera, header.near, header.antialias) for camera in _small(clip)]
+            drawn = [_surface_depth(shown, camera, header.near, header.antialias) for camera in _small(clip)]
             self._drawn[index, frame] = drawn
         return self._drawn[index, frame]
 
@@ -230,7 +230,7 @@ def _small(clip: Clip) -> list[Camera]:
     return [camera.at_most(SIDE) for camera in clip.outline.header.cameras]
 
 
-def surface_depth(points: Gaussians, camera: Camera, near: float, antialias: bool) -> np.ndarray:
+def _surface_depth(points: Gaussians, camera: Camera, near: float, antialias: bool) -> np.ndarray:
     """Return the mean depth that each pixel shows, [H, W], world units; infinite where hardly anything is drawn."""
     depths = points.means @ camera.viewmat[2, :3] + camera.viewmat[2, 3]
     far = max(float(depths.max(initial=near)), near)

@@ -15,7 +15,7 @@ from splatreel.play.timeline import Moment, Timeline, draw_on_cpu
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import C0, Gaussians
 
-ERROR_GAIN = 4
+_ERROR_GAIN = 4
 """Amplification of the displayed error: 1/4 of the range is white."""
 BLUE = np.array([0.1, 0.35, 1.0], np.float32)
 """Color of moving points in an overlay, as in the paper's Figures 3, 4 and 12."""
@@ -70,7 +70,7 @@ def layers_overlay(timeline: Timeline, moment: Moment, view: Camera, render: np.
 
 def comparison(truth: np.ndarray, render: np.ndarray) -> np.ndarray:
     """Return truth, render and amplified absolute error side by side, uint8 [H, 3 W, 3]. Inputs are float images [H, W, 3] 0..1."""
-    error = np.abs(truth - render) * ERROR_GAIN
+    error = np.abs(truth - render) * _ERROR_GAIN
     strip = np.concatenate([truth, render, error], axis=1)
     return (np.clip(strip, 0, 1) * 255 + 0.5).astype(np.uint8)
 

@@ -193,7 +193,7 @@ def evaluate(
     decoding = decode_ms_per_frame(reel, rendition, most)
     spent = {**(seconds or {}), "evaluate": round(time.monotonic() - started, 3)}
     report = replace(
-        summarize(scores, reel_info(reel, rendition), spent, device),
+        _summarize(scores, reel_info(reel, rendition), spent, device),
         decode_ms_per_frame=decoding,
         lpips_frames=len(lpips_frames) if lpips else 0,
         coverage=list(coverage),
@@ -281,13 +281,13 @@ class Scores:
         return found
 
 
-def summarize(scores: Scores, info: ReelInfo, seconds: dict[str, float], device: str) -> Report:
+def _summarize(scores: Scores, info: ReelInfo, seconds: dict[str, float], device: str) -> Report:
     """Return the report of scores."""
     whole, views, reader = scores.whole, scores.views, scores.timeline.reel
     frames = sorted({frame for frame, _ in whole})
     names = list(dict.fromkeys(name for _, name in whole))
     trained_on = [camera.name for camera in reader.manifest.cameras]
-    degrees, of_camera = degrees_from(reader.manifest, views), scores.psnr()
+    degrees, of_camera = _degrees_from(reader.manifest, views), scores.psnr()
     alive = [int(reader.group(entry.group).alive.sum()) for entry in reader.manifest.groups]
     return Report(
         **asdict(Quality.mean(list(whole.values()))),
@@ -330,7 +330,7 @@ def summarize(scores: Scores, info: ReelInfo, seconds: dict[str, float], device:
     )
 
 
-SAMPLED_GROUPS = 5
+_SAMPLED_GROUPS = 5
 """Maximum number of groups that are decoded to measure the time of decoding."""
 
 
@@ -341,7 +341,7 @@ def decode_ms_per_frame(reel: str | Path, rendition: str | None, most: int | Non
     """
     reader = ReelReader(reel, rendition, most)
     entries = reader.manifest.groups
-    places = np.linspace(0, len(entries) - 1, min(SAMPLED_GROUPS, len(entries))).round().astype(int)
+    places = np.linspace(0, len(entries) - 1, min(_SAMPLED_GROUPS, len(entries))).round().astype(int)
     born: dict[int, list[int]] = {}
     for index, layer in enumerate(reader.manifest.layers):
         born.setdefault(layer.group, []).append(index)
@@ -353,7 +353,7 @@ def decode_ms_per_frame(reel: str | Path, rendition: str | None, most: int | Non
     return 1000 * (time.perf_counter() - begun) / sum(entries[place].frames for place in places)
 
 
-def degrees_from(manifest: Manifest, views: Sequence[Camera]) -> dict[str, float | None]:
+def _degrees_from(manifest: Manifest, views: Sequence[Camera]) -> dict[str, float | None]:
     """Return the angle of each view to the nearest training camera, seen from the focus point, or None without a focus point."""
     limits, trained = manifest.presentation.limits, list(manifest.cameras)
     if limits is None or not trained:

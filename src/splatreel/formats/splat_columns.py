@@ -159,15 +159,15 @@ def _some(names: list[str]) -> str:
 
 MANY = 16
 """Points that show whether values are activated. Fewer are judged by opacities and scales together."""
-THIN = 0.01
+_THIN = 0.01
 """Third scale of flat splats (2DGS), as a share of the smaller one."""
-LARGEST_LOGARITHM = 80
+_LARGEST_LOGARITHM = 80
 OPAQUE = 20.0
 """Logit of an opacity that is 1 in float32. No training tells larger ones apart."""
 BANDS = {0: 0, 9: 1, 24: 2, 45: 3, 72: 4}
 """SH degree by number of f_rest columns."""
 COLORS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
-TURNS = (("rot_0", "rot_1", "rot_2", "rot_3"), ("qw", "qx", "qy", "qz"), ("rot_w", "rot_x", "rot_y", "rot_z"))
+_TURNS = (("rot_0", "rot_1", "rot_2", "rot_3"), ("qw", "qx", "qy", "qz"), ("rot_w", "rot_x", "rot_y", "rot_z"))
 SIZES = (
     ("scale_0", "scale_1", "scale_2"),
     ("scale_x", "scale_y", "scale_z"),
@@ -283,7 +283,7 @@ def _not_splats(columns: Columns, source: str) -> str:
 def _check_names(columns: Columns, sizes: tuple[str, ...], source: str, remarks: Remarks) -> None:
     """Refuse columns of other methods, and remark on columns without a meaning here."""
     known = {"x", "y", "z", "opacity", "filter_3D", *sizes}
-    known |= {name for names in TURNS for name in names} | {f"f_dc_{i}" for i in range(3)}
+    known |= {name for names in _TURNS for name in names} | {f"f_dc_{i}" for i in range(3)}
     others = [name for name in columns if name not in known and not re.fullmatch(r"f_rest_\d+", name)]
     if refusal := refusal_of(others):
         raise GaussiansError(f"{source}: {refusal}")
@@ -300,7 +300,7 @@ def _scales(columns: Columns, names: tuple[str, ...], encoding: Encoding, source
     """Return activated scales [N, 3]."""
     scales = _stack(columns, *names)
     if encoding.logarithm:
-        scales = np.exp(np.minimum(scales, LARGEST_LOGARITHM))
+        scales = np.exp(np.minimum(scales, _LARGEST_LOGARITHM))
     else:
         remarks.add("Scales are stored as they are, not as logarithms", source)
     if len(names) == 1:
@@ -308,7 +308,7 @@ def _scales(columns: Columns, names: tuple[str, ...], encoding: Encoding, source
         scales = np.repeat(scales, 3, axis=1)
     if len(names) == 2:
         remarks.add("Flat splats with two scales (2DGS) were read as thin ones", source)
-        scales = np.concatenate([scales, THIN * scales.min(1, keepdims=True)], 1)
+        scales = np.concatenate([scales, _THIN * scales.min(1, keepdims=True)], 1)
     return scales
 
 
@@ -330,7 +330,7 @@ def _opacities(columns: Columns, encoding: Encoding, source: str, remarks: Remar
         remarks.add(
             f"All opacities are {values[0]:.3g}, read as the logit of {1 / (1 + np.exp(-values[0])):.3g}", source
         )
-    return 1 / (1 + np.exp(-np.clip(values, -LARGEST_LOGARITHM, LARGEST_LOGARITHM)))
+    return 1 / (1 + np.exp(-np.clip(values, -_LARGEST_LOGARITHM, _LARGEST_LOGARITHM)))
 
 
 def _check_logits(values: np.ndarray, encoding: Encoding, source: str) -> None:
@@ -357,13 +357,13 @@ def _filtered(scales: np.ndarray, opacities: np.ndarray, width: np.ndarray) -> t
 
 def _quats(columns: Columns, sizes: tuple[str, ...], source: str, remarks: Remarks) -> np.ndarray:
     """Return unit quaternions [N, 4] wxyz."""
-    names = _first_of(TURNS, columns)
+    names = _first_of(_TURNS, columns)
     if names is not None:
         quats = _stack(columns, *names)
         if empty := int((quats == 0).all(1).sum()):
             remarks.add("{} points with a rotation of zeros were read as aligned with the axes", source, empty)
         return rotations.normalize(quats)
-    partial = [name for names in TURNS for name in names if name in columns]
+    partial = [name for names in _TURNS for name in names if name in columns]
     if partial:
         raise GaussiansError(f"{source}: has {', '.join(partial)} of the four numbers of a rotation. Export it again.")
     if len(sizes) > 1:

@@ -23,7 +23,7 @@ from splatreel.scene.camera import Camera
 
 FORMAT = "splatreel-path"
 VERSION = 1
-MAX_KEYFRAMES = 10_000
+_MAX_KEYFRAMES = 10_000
 MAX_BYTES = 16 << 20
 _SAME = 1e-5
 """A loop whose ends differ by less than this, in radians and relative to its length, is smooth at its ends."""
@@ -93,7 +93,7 @@ class CameraPath:
         return viewmat, before.time + (after.time - before.time) * t
 
 
-def nearest_first(start: Camera, cameras: Sequence[Camera]) -> list[Camera]:
+def _nearest_first(start: Camera, cameras: Sequence[Camera]) -> list[Camera]:
     """Order cameras from `start` on, each followed by the nearest one left. A camera at the position of `start` is left out."""
     stops = [start]
     left = [c for c in cameras if np.linalg.norm(c.center - start.center) > 1e-6]
@@ -120,8 +120,8 @@ def _parse(document: Any) -> CameraPath:
     if fields.get("version") != VERSION or isinstance(fields["version"], bool):
         raise ValueError(f"its version is {_short(fields.get('version'))}, this is for {VERSION}. Update Splatreel.")
     entries = fields.get("keyframes")
-    if not isinstance(entries, list) or not 1 <= len(entries) <= MAX_KEYFRAMES:
-        raise ValueError(f"its keyframes are not a list of 1 to {MAX_KEYFRAMES}. Add one.")
+    if not isinstance(entries, list) or not 1 <= len(entries) <= _MAX_KEYFRAMES:
+        raise ValueError(f"its keyframes are not a list of 1 to {_MAX_KEYFRAMES}. Add one.")
     keyframes: list[Keyframe] = []
     for i, entry in enumerate(entries):
         keyframes.append(
@@ -200,16 +200,16 @@ def _between(a: Rotation, b: Rotation) -> np.ndarray:
     return (a.inv() * b).as_rotvec()
 
 
-Shot = tuple[float, Camera]
+_Shot = tuple[float, Camera]
 """A frame of a film: seconds of the reel, and the camera that takes it."""
-MAX_SHOTS = 1_000_000
+_MAX_SHOTS = 1_000_000
 """Maximum number of frames of a film along a path: nine hours at 30 fps."""
 
 
-class Shots(Sequence[Shot]):
+class Shots(Sequence[_Shot]):
     """The frames of a film, each computed on access."""
 
-    def __init__(self, count: int, make: Callable[[int], Shot]) -> None:
+    def __init__(self, count: int, make: Callable[[int], _Shot]) -> None:
         """Describe `count` frames. make: returns the frame of an index."""
         self._count = count
         self._make = make
@@ -218,15 +218,15 @@ class Shots(Sequence[Shot]):
         return self._count
 
     @overload
-    def __getitem__(self, index: int) -> Shot: ...
+    def __getitem__(self, index: int) -> _Shot: ...
     @overload
-    def __getitem__(self, index: slice) -> list[Shot]: ...
-    def __getitem__(self, index: int | slice) -> Shot | list[Shot]:
+    def __getitem__(self, index: slice) -> list[_Shot]: ...
+    def __getitem__(self, index: int | slice) -> _Shot | list[_Shot]:
         numbers = range(self._count)[index]
         return self._make(numbers) if isinstance(numbers, int) else [self._make(i) for i in numbers]
 
 
-def film_along_path(path: CameraPath, lens: Camera, fps: float) -> Sequence[Shot]:
+def film_along_path(path: CameraPath, lens: Camera, fps: float) -> Sequence[_Shot]:
     """Return the frames of a film along a camera path, at least one.
 
     A looping path gives a looping film: its last frame is the one before the first.
@@ -237,13 +237,13 @@ def film_along_path(path: CameraPath, lens: Camera, fps: float) -> Sequence[Shot
         UsageError: The path takes too long.
     """
     count = max(round(path.seconds * fps) + (0 if path.loop else 1), 1)
-    if count > MAX_SHOTS:
+    if count > _MAX_SHOTS:
         raise UsageError(
-            f"The camera path takes {path.seconds:,.0f} seconds, {count:,} frames; a film has at most {MAX_SHOTS:,}. Give its "
+            f"The camera path takes {path.seconds:,.0f} seconds, {count:,} frames; a film has at most {_MAX_SHOTS:,}. Give its "
             f"keyframes earlier times."
         )
 
-    def shot(i: int) -> Shot:
+    def shot(i: int) -> _Shot:
         viewmat, time = path.at(i / fps)
         return time, replace(lens, viewmat=viewmat)
 
@@ -252,7 +252,7 @@ def film_along_path(path: CameraPath, lens: Camera, fps: float) -> Sequence[Shot
 
 def film_through_cameras(
     start: Camera, cameras: Sequence[Camera], frames: int, fps: float, first: int = 0
-) -> Sequence[Shot]:
+) -> Sequence[_Shot]:
     """Return the frames of a film that plays a reel while the view moves from `start` through the cameras, nearest first.
 
     Args:
@@ -262,7 +262,7 @@ def film_through_cameras(
         fps: Frames per second of the reel.
         first: First frame of the reel.
     """
-    stops = nearest_first(start, cameras)
+    stops = _nearest_first(start, cameras)
     leg = (frames - 1) / fps / max(len(stops) - 1, 1)
     if leg <= 0:
         stops = stops[:1]
@@ -273,14 +273,14 @@ def film_through_cameras(
     return Shots(frames, lambda i: ((first + i) / fps, replace(start, viewmat=path.at(i / fps)[0])))
 
 
-def sound_start(shots: Sequence[Shot], fps: float) -> float | None:
+def sound_start(shots: Sequence[_Shot], fps: float) -> float | None:
     """Return the time of the reel at which a film starts, in seconds; None if the film does not play at the reel's speed."""
     start = shots[0][0]
     return start if all(abs(seconds - start - i / fps) < 0.5 / fps for i, (seconds, _) in enumerate(shots)) else None
 
 
 def write_film(
-    path: Path, reel: Timeline, shots: Sequence[Shot], report: Callable[[int], None] = lambda done: None
+    path: Path, reel: Timeline, shots: Sequence[_Shot], report: Callable[[int], None] = lambda done: None
 ) -> None:
     """Write frames of a reel as H.264 in MP4, atomically, with AAC sound if the film plays at the reel's speed.
 

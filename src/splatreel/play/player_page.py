@@ -18,7 +18,7 @@ from splatreel.codec.reader import ReelReader
 
 STATIC = Path(__file__).parent / "static"
 """The built web player."""
-TITLE = "<title>Splatreel</title>"
+_TITLE = "<title>Splatreel</title>"
 """Title element of the built page, which is replaced."""
 
 
@@ -64,10 +64,10 @@ def with_metadata(page: str, presentation: Presentation, address: str | None = N
         lines.append(
             f'<link rel="preload" as="image" href="reel/{presentation.poster.asset.uri}" fetchpriority="high" />'
         )
-    return page.replace(TITLE, "\n    ".join(lines), 1)
+    return page.replace(_TITLE, "\n    ".join(lines), 1)
 
 
-LOADER = re.compile(r'<script type="module" data-early>.*?</script>', re.S)
+_LOADER = re.compile(r'<script type="module" data-early>.*?</script>', re.S)
 PAGE = "<main data-splatreel-page>"
 """Main element of the built page."""
 EXCLUDED = ("player", "paper", "hevc", "draco", "self-test")
@@ -107,7 +107,7 @@ def standalone_page(location: str | Path, rendition: str | None = None) -> str:
     parts += [_file("player", script.name, script.read_bytes()) for script in scripts]
     player = (STATIC / "player.js").read_text(encoding="utf-8")
     parts.append(f'<script type="module">{_escape_script(player)}</script>')
-    loader = LOADER.search(page)
+    loader = _LOADER.search(page)
     if loader is None or PAGE not in page:
         raise ReelError(f"{STATIC / 'index.html'}: has no loader or no {PAGE}. Build the player again.")
     page = page.replace(loader[0], "\n".join(parts), 1).replace(PAGE, PAGE.replace(">", ' data-src="embedded:">'), 1)

@@ -26,7 +26,7 @@ from splatreel.play.served_files import ReelFiles, RemoteFiles, RunFiles, Served
 from splatreel.play.web_app import AllowedHosts, ServedPage, WebApp
 from splatreel.storage.address import local_path
 
-HEAD_BYTES = 16 << 10
+_HEAD_BYTES = 16 << 10
 """Maximum size of the request line and headers."""
 REQUEST_SECONDS = 10
 """Time within which the headers of a request must be complete."""
@@ -39,7 +39,7 @@ _UNSENT_BYTES = 64 << 10
 _HEAD_END = re.compile(rb"\n\r?\n")
 
 
-class ConnectionLimits:
+class _ConnectionLimits:
     """ASGI middleware that tells each connection when a request begins and ends, and limits the number of connections.
 
     Pass `connect` to uvicorn as its HTTP protocol.
@@ -115,7 +115,7 @@ class Connection(H11Protocol):
     _complete = 0
     _ahead = 0
 
-    def __init__(self, limits: ConnectionLimits, *args: Any, **options: Any) -> None:
+    def __init__(self, limits: _ConnectionLimits, *args: Any, **options: Any) -> None:
         """Create the protocol. args, options: given by uvicorn."""
         super().__init__(*args, **options)
         self._limits = limits
@@ -144,14 +144,14 @@ class Connection(H11Protocol):
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Pass data on in pieces of at most `HEAD_BYTES`, so that longer headers are refused before they are parsed."""
-        for start in range(0, len(data), HEAD_BYTES):
-            piece = data[start : start + HEAD_BYTES]
+        """Pass data on in pieces of at most `_HEAD_BYTES`, so that longer headers are refused before they are parsed."""
+        for start in range(0, len(data), _HEAD_BYTES):
+            piece = data[start : start + _HEAD_BYTES]
             if self._channel.is_closing():
                 return
             if self._answering or self._complete:  # the next request, or a body, which no response needs
                 self._ahead += len(piece)
-                if self._ahead > HEAD_BYTES:
+                if self._ahead > _HEAD_BYTES:
                     self.is_last_response = True
                     return
             elif not self._begun:
@@ -377,7 +377,7 @@ def _network_address(everywhere: str) -> str | None:
 
 def _config(site: WebApp) -> uvicorn.Config:
     """Return a configuration that logs nothing, since the command line reports to the terminal itself."""
-    limits = ConnectionLimits(site, _connection_limit())
+    limits = _ConnectionLimits(site, _connection_limit())
     return uvicorn.Config(
         limits,
         loop="asyncio",
@@ -392,7 +392,7 @@ def _config(site: WebApp) -> uvicorn.Config:
         backlog=_BACKLOG,
         timeout_keep_alive=IDLE_SECONDS,
         timeout_graceful_shutdown=_SECONDS_TO_CLOSE,
-        h11_max_incomplete_event_size=HEAD_BYTES,
+        h11_max_incomplete_event_size=_HEAD_BYTES,
     )
 
 

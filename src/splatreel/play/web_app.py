@@ -60,7 +60,7 @@ class AllowedHosts:
             self._names |= {given.lower(), machine, f"{machine}.local"}
 
     def __contains__(self, header: object) -> bool:
-        name = host_name(header) if isinstance(header, str) else None
+        name = _host_name(header) if isinstance(header, str) else None
         if name is None:
             return False
         try:
@@ -69,7 +69,7 @@ class AllowedHosts:
             return name in self._names
 
 
-def host_name(header: str) -> str | None:
+def _host_name(header: str) -> str | None:
     """Return the name or address in a Host header, without port and brackets; None for an invalid header."""
     match = _HOST.fullmatch(header)
     return (match[1] or match[2]).lower().removesuffix(".") if match else None
@@ -332,7 +332,7 @@ def _content(found: OpenFile, kind: str, policy: str) -> Content:
 
 
 def _host_refusal(header: str) -> str:
-    name = host_name(header)
+    name = _host_name(header)
     if name is None:
         return "The request has no valid Host header."
     return f"This server does not answer to the name {name}. If it should, start it with: --allow-host {name}"

@@ -130,7 +130,7 @@ def in_image(points: np.ndarray, camera: Camera, near: float) -> tuple[np.ndarra
     return ahead & inside, pixels, depth
 
 
-VOLUMES = (
+_VOLUMES = (
     "box:x,y,z,X,Y,Z, sphere:x,y,z,RADIUS, cylinder:x,y,z,RADIUS,HEIGHT (x,y,z is the middle of its base) or capture"
 )
 
@@ -203,7 +203,7 @@ def parse_volume(name: str, value: str, rig: VolumeRig) -> Volume:
         if not len(rig.cameras):
             raise fail(name, value, "There are no cameras here. Give a box, sphere or cylinder")
         return CaptureVolume(rig.cameras, rig.near, share)
-    raise fail(name, value, f"Give {VOLUMES}")
+    raise fail(name, value, f"Give {_VOLUMES}")
 
 
 def _check_positive(name: str, value: str, sizes: np.ndarray) -> None:

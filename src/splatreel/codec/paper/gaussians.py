@@ -91,7 +91,7 @@ _KD_TREE_LEVEL = 10
 """From level 7 Draco encodes point clouds with a kd-tree, about 10 % smaller than sequentially."""
 
 
-def import_draco() -> ModuleType:
+def _import_draco() -> ModuleType:
     """Return the module DracoPy. Raise `MissingDependencyError` if it is not installed."""
     try:
         import DracoPy
@@ -117,7 +117,7 @@ def encode_draco(means: np.ndarray, bits: int) -> tuple[bytes, Parameters, np.nd
     steps = (1 << bits) - 1
     q = _separate(np.rint((means - low) / extent * steps).astype(np.int64), bits)
     order = np.argsort(morton.encode(q), kind="stable")
-    data = import_draco().encode(
+    data = _import_draco().encode(
         q[order].astype(np.float32),  # sorted, so that the bytes do not depend on the input order
         quantization_bits=bits,
         compression_level=_KD_TREE_LEVEL,
@@ -140,7 +140,7 @@ def decode_draco(data: bytes, parameters: Parameters, count: int) -> np.ndarray:
 def _decode_quantized(data: bytes, bits: int, count: int) -> np.ndarray:
     """Decode integers [count, 3] int64, sorted by Morton code."""
     _check_header(data, count)
-    draco = import_draco()
+    draco = _import_draco()
     try:
         positions = np.asarray(draco.decode(data).points)
     except (draco.FileTypeException, draco.EncodingFailedException, ValueError, MemoryError) as error:
@@ -214,13 +214,13 @@ def encode_gaussians(
     sections, order = _encode_means(gaussians.means, how.position_bits if placed else None)
     ordered = gaussians[order]
     quats = rotations.normalize(ordered.quats)
-    sections["quats"] = Section(*encode_values(np.where(quats[:, :1] < 0, -quats, quats), how.quat_bits))
+    sections["quats"] = Section(*_encode_values(np.where(quats[:, :1] < 0, -quats, quats), how.quat_bits))
     if not placed:
         sections = {}
     crf, log = how.crf_attributes, how.log_scales
-    sections["scales"] = Section(*encode_values(ordered.scales, how.scale_bits, log=log, crf=crf))
-    sections["opacities"] = Section(*encode_values(ordered.opacities[:, None], how.opacity_bits, crf=crf))
-    sections["sh_base"] = Section(*encode_values(ordered.sh[:, 0], how.color_bits, crf=crf))
+    sections["scales"] = Section(*_encode_values(ordered.scales, how.scale_bits, log=log, crf=crf))
+    sections["opacities"] = Section(*_encode_values(ordered.opacities[:, None], how.opacity_bits, crf=crf))
+    sections["sh_base"] = Section(*_encode_values(ordered.sh[:, 0], how.color_bits, crf=crf))
     if ordered.sh_degree and config.sh_entries != 0:
         sections |= _encode_rest(
             ordered, config, weights[order] if how.weighted_codebook and weights is not None else None
@@ -228,11 +228,11 @@ def encode_gaussians(
     return sections, order
 
 
-Placed = tuple[np.ndarray, np.ndarray]
+_Placed = tuple[np.ndarray, np.ndarray]
 """Positions [N, 3] and unit quaternions [N, 4] of points whose file has no sections for them."""
 
 
-def decode_gaussians(sections: Sections, count: int, placed: Placed | None = None) -> Gaussians:
+def decode_gaussians(sections: Sections, count: int, placed: _Placed | None = None) -> Gaussians:
     """Decode the `count` points of a file in reel order. Raise `ReelError` with the name of the damaged section."""
     if not 0 <= count <= MAX_POINTS:
         raise ReelError(f"claims {count} points, more than the {MAX_POINTS} a file may hold.")
@@ -277,7 +277,7 @@ def _encode_rest(gaussians: Gaussians, config: EncodeConfig, weights: np.ndarray
     degree: Parameters = {"degree": gaussians.sh_degree}
     how = config.h265
     if config.sh_entries is None or how.crf_attributes is not None:
-        data, parameters = encode_values(rest, how.color_bits, crf=how.crf_attributes)
+        data, parameters = _encode_values(rest, how.color_bits, crf=how.crf_attributes)
         return {"sh_rest": Section(data, parameters | degree)}
     entries = min(config.sh_entries, max(1, len(gaussians) // 4))
     if weights is not None:
@@ -287,7 +287,7 @@ def _encode_rest(gaussians: Gaussians, config: EncodeConfig, weights: np.ndarray
     bits = max(1, (len(codebook) - 1).bit_length())
     data, packed = quantize.deflate(quantize.pack(nearest, bits))
     indices = Section(data, {"codec": "vq", "entries": len(codebook), "bits": bits, "deflate": packed})
-    data, parameters = encode_values(codebook, how.color_bits)
+    data, parameters = _encode_values(codebook, how.color_bits)
     return {"sh_rest": indices, "sh_codebook": Section(data, parameters | {"entries": len(codebook)} | degree)}
 
 
@@ -319,10 +319,10 @@ def _coefficients(section: Section, name: str) -> int:
 
 def _values(sections: Sections, name: str, rows: int, columns: int) -> np.ndarray:
     section = required(sections, name)
-    return named(name, decode_values, section.data, section.parameters, rows, columns)
+    return named(name, _decode_values, section.data, section.parameters, rows, columns)
 
 
-def encode_values(
+def _encode_values(
     values: np.ndarray, bits: int | None, *, log: bool = False, crf: int | None = None
 ) -> tuple[bytes, Parameters]:
     """Encode values [N, C].
@@ -340,7 +340,7 @@ def encode_values(
     return quantize.encode_linear(values, bits, log)
 
 
-def decode_values(data: bytes, parameters: Parameters, rows: int, columns: int) -> np.ndarray:
+def _decode_values(data: bytes, parameters: Parameters, rows: int, columns: int) -> np.ndarray:
     """Decode values [rows, columns] float32 with the section's codec. Raise `ReelError` if the section is damaged."""
     codec = parameters.get("codec")
     if codec == "linear":

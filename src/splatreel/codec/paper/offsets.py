@@ -109,12 +109,12 @@ def encode(dx: np.ndarray, dq: np.ndarray, points: Gaussians, config: H265Config
     """
     check_offsets(dx, dq)
     codec = NAMES[config.source]
-    dq = about_identity(dq)
+    dq = _about_identity(dq)
     if codec == "float32":
         data = encode_float32(dx)[0] + encode_float32(dq)[0]
         return data, {"codec": codec}
     if codec == ORIGINAL:
-        quats = about_identity(rotations.multiply(rotations.normalize(points.quats.astype(np.float64)), dq[0]))
+        quats = _about_identity(rotations.multiply(rotations.normalize(points.quats.astype(np.float64)), dq[0]))
         turned = rotations.multiply(rotations.normalize(points.quats.astype(np.float64)), dq)
         dx, dq = points.means + dx, _continuous(turned, quats)
     elif codec == "h265-dif":
@@ -149,7 +149,7 @@ def decode(data: bytes, parameters: Parameters, frames: int, count: int) -> tupl
     return dx, dq
 
 
-def about_identity(dq: np.ndarray) -> np.ndarray:
+def _about_identity(dq: np.ndarray) -> np.ndarray:
     """Normalize rotations and choose the sign with w >= 0, which is near the identity (1, 0, 0, 0)."""
     dq = rotations.normalize(np.asarray(dq, np.float64))
     return np.where(dq[..., :1] < 0, -dq, dq)

@@ -30,7 +30,7 @@ DEAD_ZONE = 0.4
 """A residual is rounded up from 1 - DEAD_ZONE on, because zeros are cheap."""
 MAX_CLASS = 7
 _EDGES = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 512])
-CONTEXTS = len(_EDGES) + 1
+_CONTEXTS = len(_EDGES) + 1
 """Number of classes of the expected size of a residual, in eighths of a step."""
 _LARGEST = 4095
 """Upper bound of the size of a residual, in eighths of a step."""
@@ -137,14 +137,14 @@ def encode_lod(
     )
     if used < 0:
         raise ReelError("Values are too many steps from zero to be encoded. Use a coarser step.")
-    return entropy_encode(zigzag(residuals[:used]), contexts[:used], CONTEXTS), found
+    return entropy_encode(zigzag(residuals[:used]), contexts[:used], _CONTEXTS), found
 
 
 def decode_lod(
     data: bytes, shape: tuple[int, int], levels: Levels, classes: np.ndarray, ends: np.ndarray | None = None
 ) -> np.ndarray:
     """Decode the integers [N, C] int32 of `encode_lod`. Raise `ReelError` if the data is damaged."""
-    stream = Stream(data, CONTEXTS)
+    stream = Stream(data, _CONTEXTS)
     ends = _all(shape) if ends is None else ends
     found, sizes = _empty(shape)
     if not _predict_and_read(

@@ -326,7 +326,7 @@ def decode_offsets(
     dq = np.empty((frames, count, 4), np.float32)
     for some in blocks(count, frames):
         turns = rotations.to_matrix(quats[some].astype(np.float64))
-        dq[:, some] = expand_rotation_vectors(found.expand(some), turns)
+        dq[:, some] = _expand_rotation_vectors(found.expand(some), turns)
     return dx, dq
 
 
@@ -346,7 +346,7 @@ def rotation_vectors(quats: np.ndarray) -> np.ndarray:
 
 
 @njit(**EXACT)
-def expand_rotation_vectors(vectors, turns):
+def _expand_rotation_vectors(vectors, turns):
     """Return unit quaternions [T, N, 4] float32 of vectors [T, N, 3] float32 about the world's axes.
 
     The result is about the axes that turns [N, 3, 3] made of the world's. Zero vectors are fast.
@@ -367,9 +367,9 @@ def expand_rotation_vectors(vectors, turns):
     return quats
 
 
-SHADE = np.diag([1.0, 1.0, 1.0, 2.0])
+_SHADE = np.diag([1.0, 1.0, 1.0, 2.0])
 """Transform of c_base and opacity for encoding. Opacity counts twice as much as color, about its effect in an image."""
-SHADE[:3, :3] = COLORS
+_SHADE[:3, :3] = COLORS
 """From c_base and opacity to what is coded: opacity counts twice as much as color, about what it changes in an image."""
 
 
@@ -377,13 +377,13 @@ def encode_shade(
     shade: np.ndarray, order: np.ndarray, predictor: Predictor, step: float, known: Basis | None = None
 ) -> Sections:
     """Encode changes of color and opacity [T, N, 4], given in the order of the input points. `known`: see `encode_klt`."""
-    values = np.asarray(shade, np.float64)[:, order].transpose(1, 0, 2) @ SHADE.T
+    values = np.asarray(shade, np.float64)[:, order].transpose(1, 0, 2) @ _SHADE.T
     return {"shade": encode_klt(COLOR, values, step, predictor, known)[0]}
 
 
 def decode_shade(sections: Sections, frames: int, predictor: Predictor) -> np.ndarray:
     """Decode the changes, [T, N, 4] float32. Raise `ReelError` if the section is damaged."""
-    count, back = len(predictor.classes), np.linalg.inv(SHADE).T.astype(np.float32)
+    count, back = len(predictor.classes), np.linalg.inv(_SHADE).T.astype(np.float32)
     found = named("shade", decode_klt, COLOR, section_of(sections, "shade", "klt"), frames, 4, predictor)
     shade = np.empty((frames, count, 4), np.float32)
     for some in blocks(count, frames):

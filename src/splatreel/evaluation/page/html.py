@@ -80,7 +80,7 @@ def with_code(text: str) -> str:
 
 WIDTH, HEIGHT = 480, 240
 LEFT, RIGHT, TOP, BOTTOM = 64, 12, 14, 46
-MARKED = 40
+_MARKED = 40
 """Largest number of points of a line that are marked one by one."""
 
 Series = Mapping[str, Sequence[tuple[float, float]]]
@@ -135,7 +135,7 @@ def line_chart(
     for index, points in enumerate(lines.values()):
         places = [(x_of(x), y_of(y)) for x, y in points]
         parts.append(f'<polyline class="line s{index % 4}" points="{" ".join(f"{x},{y}" for x, y in places)}"/>')
-        if len(places) <= MARKED:
+        if len(places) <= _MARKED:
             parts += [f'<circle class="s{index % 4}" cx="{x}" cy="{y}" r="3"/>' for x, y in places]
     parts.append(f'<text x="{WIDTH - RIGHT}" y="{HEIGHT - 8}" text-anchor="end">{escape(x_label)}</text></svg>')
     keys = "".join(f'<li class="s{index % 4}">{escape(name)}</li>' for index, name in enumerate(lines))

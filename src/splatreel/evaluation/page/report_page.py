@@ -49,19 +49,19 @@ from splatreel.play.player_page import standalone_page
 from splatreel.run.job_log import LOGS
 from splatreel.run.output.group_writer import PresentationHook
 
-CAMERA_BELOW = 3.0
+_CAMERA_BELOW = 3.0
 """A camera stands out if its PSNR is this many dB below the median of the others."""
-LOWEST = 3
+_LOWEST = 3
 """Largest number of cameras that are named as those with the lowest PSNR."""
-MOMENT_BELOW = 2.0
+_MOMENT_BELOW = 2.0
 """A moment fails if its PSNR is this many dB below the median of the frames."""
 MOMENTS = 3
 """Largest number of moments that are named, the worst first."""
-FALL = 1.0
+_FALL = 1.0
 """Smallest fall of the PSNR in dB, between the medians of the first and the last quarter of the frames, that is worth a remark."""
-FALL_FRAMES = 16
+_FALL_FRAMES = 16
 """Smallest number of frames in which a fall is looked for."""
-CODING_LOSS = 0.2
+_CODING_LOSS = 0.2
 """Loss by compression in dB that is worth a remark."""
 
 
@@ -98,7 +98,7 @@ def failing_moments(report: Report) -> list[Moment]:
     if len(report.per_frame) < 3:
         return []
     middle = statistics.median(frame["psnr"] for frame in report.per_frame)
-    low = [(f["frame"], middle - f["psnr"]) for f in report.per_frame if middle - f["psnr"] >= MOMENT_BELOW]
+    low = [(f["frame"], middle - f["psnr"]) for f in report.per_frame if middle - f["psnr"] >= _MOMENT_BELOW]
     step = min((b["frame"] - a["frame"] for a, b in pairwise(report.per_frame)), default=1)
     moments: list[Moment] = []
     for frame, below in low:
@@ -113,7 +113,7 @@ def _lowest(report: Report) -> str:
     """Name the cameras with the lowest PSNR, where there are several."""
     if len(report.cameras) < 2:
         return ""
-    order = sorted(report.cameras, key=lambda camera: camera["psnr"])[: min(LOWEST, len(report.cameras) // 2)]
+    order = sorted(report.cameras, key=lambda camera: camera["psnr"])[: min(_LOWEST, len(report.cameras) // 2)]
     named = ", ".join(f"{camera['name']} ({camera['psnr']:.1f} dB)" for camera in order)
     return f"; lowest: {named}"
 
@@ -122,7 +122,7 @@ def _cameras(report: Report) -> list[str]:
     found = []
     for camera in report.cameras:
         others = [other["psnr"] for other in report.cameras if other is not camera]
-        if others and (below := statistics.median(others) - camera["psnr"]) >= CAMERA_BELOW:
+        if others and (below := statistics.median(others) - camera["psnr"]) >= _CAMERA_BELOW:
             found.append(
                 f"Camera {camera['name']} is {below:.1f} dB below the others. Check its pose, its focus and its exposure: "
                 "`splatreel capture check`."
@@ -133,12 +133,12 @@ def _cameras(report: Report) -> list[str]:
 def _fall(report: Report) -> list[str]:
     """Return a sentence about a PSNR that gets lower and lower in the course of the video."""
     values = [frame["psnr"] for frame in report.per_frame]
-    if len(values) < FALL_FRAMES:
+    if len(values) < _FALL_FRAMES:
         return []
     edges = [len(values) * quarter // 4 for quarter in range(5)]
     quarters = [statistics.median(values[a:b]) for a, b in pairwise(edges)]
     fall = quarters[0] - quarters[-1]
-    if fall < FALL or any(later > earlier + FALL / 4 for earlier, later in pairwise(quarters)):
+    if fall < _FALL or any(later > earlier + _FALL / 4 for earlier, later in pairwise(quarters)):
         return []
     return [
         f"The PSNR falls over time: the median is {quarters[0]:.1f} dB in the first quarter of the frames and {quarters[-1]:.1f} dB in "
@@ -179,12 +179,12 @@ def _flicker(report: Report) -> list[str]:
 
 
 def _coding(report: Report) -> list[str]:
-    if report.psnr_undecoded is None or (loss := report.psnr_undecoded - report.psnr) < CODING_LOSS:
+    if report.psnr_undecoded is None or (loss := report.psnr_undecoded - report.psnr) < _CODING_LOSS:
         return []
     return [f"Compression costs {loss:.2f} dB. `splatreel encode --rate high` makes a larger reel with a smaller loss."]
 
 
-LARGEST_REEL = 64 << 20
+_LARGEST_REEL = 64 << 20
 """Largest reel in bytes that is embedded."""
 WIDEST = 640
 """Largest width of an embedded image in pixels."""
@@ -268,7 +268,7 @@ def _player(facts: RunFacts, player: Player) -> str:
     if player == "embedded" and manifest.groups and not manifest.live:
         size = sum(entry.bytes for entry in manifest.files)
         with suppress(ReelError):  # the paper's codec cannot be embedded
-            if size <= LARGEST_REEL:
+            if size <= _LARGEST_REEL:
                 return _opened_on_demand(f'srcdoc="{html.escape(standalone_page(facts.reel))}"')
     return f"<p>Play it with <code>{escape(quoted(['splatreel', 'serve', facts.reel]))}</code>.</p>"
 
@@ -428,7 +428,7 @@ def _run(facts: RunFacts) -> str:
 
 LEAST_SECONDS = 30.0
 """Smallest time between two pages of a run."""
-LARGEST_SHARE = 0.02
+_LARGEST_SHARE = 0.02
 """Largest share of a run's time that its pages take."""
 
 
@@ -473,7 +473,7 @@ class ReportWriter:
                 self._progress.note(f"{self._out / 'report.html'} cannot be written ({error}).")
             self._failed = True
         now = self._clock()
-        self._next = now + max(LEAST_SECONDS, (now - begun) / LARGEST_SHARE)
+        self._next = now + max(LEAST_SECONDS, (now - begun) / _LARGEST_SHARE)
 
 
 SECONDS = 10.0
