@@ -146,13 +146,11 @@ def _file(
 
 
 def _layer_to_json(entry: FileEntry) -> dict[str, Any]:
-    """Return the JSON object that `_parse_layer` accepts."""
     own = {"group": entry.group} | ({} if entry.until is None else {"until": entry.until})
     return _common_fields(entry) | own | {"points": entry.points}
 
 
 def _group_to_json(entry: FileEntry) -> dict[str, Any]:
-    """Return the JSON object that `_parse_group` accepts."""
     others = {
         name: {"uri": file.uri, "bytes": file.bytes, "sha256": file.sha256, "points": file.points}
         for name, file in entry.renditions.items()

@@ -59,7 +59,6 @@ def _contains_box_names(body: bytes) -> bool:
 
 
 def _claimed_samples(name: str, body: bytes) -> int:
-    """Return the number of samples that a table claims."""
     if name in ("stsz", "stz2"):
         return int.from_bytes(body[8:12], "big")
     count = int.from_bytes(body[4:8], "big")

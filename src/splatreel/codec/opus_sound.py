@@ -204,7 +204,6 @@ def write_sound(writer: ReelWriter, sound: EncodedSound | None, position: Vec3 |
 
 
 def _sound_files(sound: EncodedSound) -> dict[str, bytes]:
-    """Return the sound files by URI."""
     segments = {f"sound/{index:04d}.m4s": data for index, data in enumerate(sound.segments)}
     return {"sound/init.mp4": sound.init} | segments
 

@@ -34,7 +34,6 @@ def remove_previews(out: Path) -> None:
 
 
 def _numbered_previews(out: Path) -> dict[int, Path]:
-    """Return the folders of all previews by their number."""
     try:
         manifests = list((out / FOLDER).glob("*/manifest.json"))
     except OSError:  # the run deletes them at this moment

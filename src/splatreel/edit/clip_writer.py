@@ -141,8 +141,6 @@ def _is_alike(folder: Path, clip: Clip) -> bool:
 
 
 class _ClipWriter:
-    """Writer of one clip into a folder."""
-
     def __init__(self, clip: Clip, place: Path) -> None:
         outline = clip.outline
         self.clip = clip

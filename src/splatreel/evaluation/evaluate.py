@@ -282,7 +282,6 @@ class Scores:
 
 
 def _summarize(scores: Scores, info: ReelInfo, seconds: dict[str, float], device: str) -> Report:
-    """Return the report of scores."""
     whole, views, reader = scores.whole, scores.views, scores.timeline.reel
     frames = sorted({frame for frame, _ in whole})
     names = list(dict.fromkeys(name for _, name in whole))

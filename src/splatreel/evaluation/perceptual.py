@@ -164,7 +164,6 @@ def _state_dict(path: Path, files: _LpipsFiles) -> dict[str, np.ndarray]:
 
 
 def _array(values: np.ndarray) -> np.ndarray:
-    """Return numbers as C-contiguous float32."""
     return np.ascontiguousarray(values, np.float32)
 
 

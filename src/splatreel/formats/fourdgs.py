@@ -87,7 +87,6 @@ class FourdgsScene:
 
 
 def _read(path: Path, budget: MemoryBudget) -> Any:
-    """Return the scene of a file, decoded by the package fourdgs."""
     data = read_file(path, MOST_BYTES, GaussiansError)
     try:
         import fourdgs  # pyright: ignore[reportMissingImports] - optional

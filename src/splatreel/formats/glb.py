@@ -68,7 +68,6 @@ def write_glb(path: str | Path, gaussians: Gaussians, shift: np.ndarray | None =
 
 
 def _write_document(path: str | Path, document: dict[str, Any], body: bytes) -> None:
-    """Write a document and its buffer, if it has one."""
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     chunks = struct.pack("<II", len(text), 0x4E4F534A) + text

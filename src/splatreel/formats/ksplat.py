@@ -96,7 +96,6 @@ def _claimed_points(data: bytes, header: _Header) -> tuple[int, int]:
 
 
 def _read_section(data: bytes, at: int, start: int, header: _Header) -> tuple[Columns, int]:
-    """Return the columns of a section, and where the next section starts."""
     count, room, capacity, buckets = struct.unpack_from("<4I", data, at)
     block, storage = struct.unpack_from("<fH", data, at + 16)
     steps = struct.unpack_from("<I", data, at + 24)[0] or _STEPS

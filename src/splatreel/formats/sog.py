@@ -320,7 +320,6 @@ class _Sog:
         return pixels[: self._count]
 
     def _decode(self, name: str) -> np.ndarray:
-        """Return a WebP image as [H, W, 4] uint8."""
         data = self._package.load(name)
         width, height = _webp_size(data)
         self._check(_PIXEL * width * height, f"{name} of {width:,} x {height:,} pixels")

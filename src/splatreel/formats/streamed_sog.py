@@ -121,7 +121,6 @@ def _inside(path: Path, name: Any) -> Path:
 
 
 def _take(columns: Columns, ranges: list[tuple[int, int]], file: Path) -> Columns:
-    """Return the points of some ranges."""
     count = len(columns["x"])
     over = next(((first, length) for first, length in ranges if first + length > count), None)
     if over is not None:

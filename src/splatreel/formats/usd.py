@@ -104,7 +104,6 @@ def estimate_bytes(path: Path, film: Film) -> int:
 
 
 def _changed_bytes(before: Gaussians | None, points: Gaussians) -> int:
-    """Return the bytes of the fields that differ from the frame before."""
     fields = {name: getattr(points, name) for name in _NAMES}
     return sum(
         field.nbytes
@@ -114,7 +113,6 @@ def _changed_bytes(before: Gaussians | None, points: Gaussians) -> int:
 
 
 def _set_frame(splats: Any, frame: int, before: Gaussians | None, points: Gaussians) -> None:
-    """Write the values of a frame that differ from the frame before."""
     for name, kind in _kinds().items():
         old, new = None if before is None else getattr(before, name), getattr(points, name)
         if old is not None and np.array_equal(old, new):

@@ -332,7 +332,6 @@ def serve(
 
 
 def _files(location: str | Path) -> ReelFiles:
-    """Return the files of a reel. Raises `ReelError` if there is none."""
     path = local_path(location)
     if path is None:
         return RemoteFiles(str(location))

@@ -210,7 +210,6 @@ class Timeline:
         return np.clip(self._render(gaussians, camera, draw), 0, 1)
 
     def _render(self, gaussians: Gaussians, camera: Camera, draw: Draw) -> np.ndarray:
-        """Return an image whose values may exceed 1."""
         if isinstance(gaussians, Moment) and gaussians.fade is not None:
             old, new, weight = gaussians.fade
             return (1 - weight) * self._render(old, camera, draw) + weight * self._render(new, camera, draw)

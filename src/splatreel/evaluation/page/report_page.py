@@ -237,7 +237,6 @@ def _subtitle(facts: RunFacts) -> str:
 
 
 def _summary(facts: RunFacts) -> str:
-    """Return the most important numbers and the findings."""
     report, manifest = facts.report, facts.manifest
     size = report_size(report) if report else sum(entry.bytes for entry in manifest.files)
     tiles = [("Reel", megabytes(size))]
@@ -280,7 +279,6 @@ def _opened_on_demand(source: str) -> str:
 
 
 def _charts(facts: RunFacts) -> str:
-    """Return the curves of the run and over its groups."""
     groups = facts.groups()
     firsts = [group.first for group in groups]
     charts: list[str] = []
@@ -322,7 +320,6 @@ def _losses(facts: RunFacts) -> dict[str, list[tuple[float, float]]]:
 
 
 def _images(facts: RunFacts) -> str:
-    """Return the images of each camera, the worst camera first."""
     report = facts.report
     if report is None:
         return ""
@@ -514,7 +511,6 @@ class ServedReport:
             return self._text
 
     def _state(self) -> list[tuple[str, int, int]]:
-        """Return path, time and size of the files that the page is made of."""
         files = [self._out / "report.json", self._reel / "manifest.json", *self._out.glob("pictures/*/*.png")]
         files += sorted((self._out / "work" / LOGS).glob("history*.jsonl"))
         found = [(str(path), path.stat()) for path in files if path.is_file()]
