@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { BandwidthMeter } from "../packages/decoder/src/stream/bandwidth-meter";
+import { BandwidthMeter } from "../packages/decoder/src/stream/decoder-pool";
 
 const near = (value: number, expected: number): void =>
   assert.ok(Math.abs(value / expected - 1) < 0.01, `${value} is not ${expected}`);

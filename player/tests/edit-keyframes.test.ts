@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { Keyframe } from "../packages/element/src/camera/camera-path";
-import { appended, lasting, moved, throughViews, without } from "../packages/element/src/camera/edit-keyframes";
+import { appended, lasting, moved, throughViews, without } from "../packages/element/src/ui/path-panel";
 
 const keys = (...at: number[]): Keyframe[] => at.map((seconds) => ({ at: seconds, time: 0, viewmat: [seconds] }));
 const seconds = (keyframes: Keyframe[]): number[] => keyframes.map(({ at }) => at);

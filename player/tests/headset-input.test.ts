@@ -4,11 +4,9 @@ import type { Vec3 } from "../packages/decoder/src/base/matrix";
 import type { Camera, Manifest } from "../packages/decoder/src/reel/manifest";
 import { HeadsetSpace } from "../packages/element/src/camera/headset-space";
 import { Limits } from "../packages/element/src/camera/limits";
-import { HeadsetGrip } from "../packages/element/src/player/headset-grip";
+import { HeadsetGrip, HeadsetPlacement, HeadsetTeleport } from "../packages/element/src/player/headset";
 import { meetsLevel } from "../packages/element/src/player/headset-input";
-import { HeadsetPlacement } from "../packages/element/src/player/headset-placement";
 import type { XrFrame, XrInput, XrSession } from "../packages/element/src/player/headset-support";
-import { HeadsetTeleport } from "../packages/element/src/player/headset-teleport";
 
 /** Cameras four units, two meters, from the middle, y down, looking along z. */
 const CAMERA: Camera = {

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
-import { pixelsOf } from "../packages/decoder/src/decode/h265-offsets";
+import { pixelsOf } from "../packages/decoder/src/decode/paper";
 import { parseHvcC } from "../packages/decoder/src/decode/hevc";
 import { parseMp4 } from "../packages/decoder/src/decode/mp4";
 import { parseContainer } from "../packages/decoder/src/reel/container";

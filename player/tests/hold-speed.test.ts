@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { attachHoldSpeed } from "../packages/element/src/ui/hold-speed";
+import { attachHoldSpeed } from "../packages/element/src/ui/controls";
 import { FakePlayer, started } from "./fakes/player";
 
 Object.assign(globalThis, { window: globalThis });

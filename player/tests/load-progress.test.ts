@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { LoadProgress } from "../packages/decoder/src/stream/load-progress";
+import { LoadProgress } from "../packages/decoder/src/stream/stream";
 
 const here: Record<string, number> = { layer: 0, group: 0 };
 const measure = (key: string): { bytes: number; here: number } => ({ bytes: 100, here: here[key] });

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { mortonOrder } from "../packages/decoder/src/decode/morton";
+import { mortonOrder } from "../packages/decoder/src/decode/gaussians";
 
 function code(x: number, y: number, z: number): bigint {
   let result = 0n;

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { depthOf, float, hitsAt } from "../packages/renderer/src/webgl/pick";
+import { depthOf, float, hitsAt } from "../packages/renderer/src/webgl/webgl-renderer";
 import { half } from "../packages/renderer/src/draw/point-words";
 
 const pair = (low: number, high: number): number => (half(low) | (half(high) << 16)) >>> 0;

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { BandwidthMeter } from "../packages/decoder/src/stream/bandwidth-meter";
-import { RenditionPolicy, type Option } from "../packages/decoder/src/stream/rendition-policy";
+import { BandwidthMeter } from "../packages/decoder/src/stream/decoder-pool";
+import { type Option, RenditionPolicy } from "../packages/decoder/src/stream/rendition-policy";
 
 /** Groups of a second at 4, 2 and 1 Mbit/s, with fewer points in the last. */
 const OPTIONS: Option[] = [

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { RowAllocator } from "../packages/renderer/src/webgl/row-allocator";
+import { RowAllocator } from "../packages/renderer/src/webgl/gpu-memory";
 
 test("ranges do not overlap, gaps are filled first, and an empty range takes no rows", () => {
   const rows = new RowAllocator();

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { SoundSync } from "../packages/renderer/src/sound/sound-sync";
+import { SoundSync } from "../packages/renderer/src/sound/soundtrack";
 
 /** Pictures at 60 a second that follow a sound whose time is told only so finely; how far they are from it, and their largest step back. */
 function run(seconds: number, soundAt: (now: number) => number, rate = 1): { behind: number[]; pictures: number[] } {

@@ -2,9 +2,9 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { dot, length, subtract, type Vec3 } from "../packages/decoder/src/base/matrix";
 import type { Camera, Manifest } from "../packages/decoder/src/reel/manifest";
-import { STILL, type Motion } from "../packages/element/src/camera/motion";
+import { type Motion, STILL } from "../packages/element/src/camera/motion";
 import { OrbitCamera } from "../packages/element/src/camera/orbit-camera";
-import { Walker } from "../packages/element/src/camera/walker";
+import { Walker } from "../packages/element/src/ui/walk-mode";
 
 /** Cameras four units from the middle, y down, looking along z. The scene is two units wide, so that a unit is half a meter. */
 const CAMERA: Camera = {

@@ -20,15 +20,11 @@ import { attachPointerControls } from "../ui/pointer-controls";
 import { skip } from "../ui/skip";
 import { adoptStyles } from "../ui/styles";
 import styles from "../ui/ui.css";
-import { watchAnnotations } from "./annotation-watch";
-import { watchCamera } from "./camera-watch";
-import { watchDrops } from "./drop-watch";
-import { FrameCallbacks, type FrameCallback } from "./frame-callbacks";
+import { watchAnnotations, watchCamera, watchDrops, watchMedia, watchTracks } from "./part-watch";
+import { type FrameCallback, FrameCallbacks } from "./frame-callbacks";
 import { MediaElement } from "./media-element";
-import { watchMedia } from "./media-watch";
 import { timesOf } from "./media-fragment";
 import { Poster } from "./poster";
-import { watchTracks } from "./track-watch";
 import { Visibility } from "./visibility";
 
 /** Events of the player that the element dispatches as well. */

@@ -1,13 +1,47 @@
 /** Entry point of the self-test page, which `splatreel serve` shows to phones. It plays the reel, tests the player, and writes a result to copy. */
+import type { Player } from "../player/player";
+import { Measurements, wait } from "./measurements";
 import { messageOf } from "@splatreel/decoder/internal";
 import { version } from "../../../../package.json";
 import { deviceFacts, fact, graphicsFacts } from "./device";
-import { dragTest, doubleTapTest, pinchTest, rotationTest } from "./gesture-steps";
-import { Measurements } from "./measurements";
+import { doubleTapTest, dragTest, pinchTest, rotationTest } from "./gesture-steps";
 import { Panel } from "./panel";
-import { reportOf, type Finding } from "./report";
+import { type Finding, reportOf } from "./report";
 import styles from "./self-test.css";
-import { playSound } from "./sound-step";
+
+/** Seconds of sound. */
+const SECONDS = 2;
+
+/** Play a sound in response to a tap, and return what the browser reports. Throws if the reel's sound does not advance. */
+async function playSound(player: Player, signal: AbortSignal): Promise<string> {
+  const { soundtrack } = player;
+  if (!soundtrack.available) return playTone(signal);
+  const before = player.currentTime;
+  soundtrack.muted = false;
+  player.play();
+  await wait(1000 * SECONDS, signal);
+  const [muted, stands] = [soundtrack.muted, player.currentTime === before];
+  player.pause();
+  if (muted || stands)
+    throw new Error(muted ? "the browser muted the reel's sound" : "the reel did not play with its sound");
+  return "the reel's sound";
+}
+
+async function playTone(signal: AbortSignal): Promise<string> {
+  const context = new AudioContext();
+  const tone = context.createOscillator();
+  const volume = context.createGain();
+  volume.gain.value = 0.2;
+  tone.connect(volume).connect(context.destination);
+  tone.start();
+  try {
+    await wait((1000 * SECONDS) / 2, signal);
+    const latency = context.outputLatency ? `, latency ${Math.round(1000 * context.outputLatency)} ms` : "";
+    return `a tone, audio ${context.state} at ${context.sampleRate} Hz${latency}`;
+  } finally {
+    await context.close();
+  }
+}
 
 /** Buttons of a test that people do. */
 const SKIP = "Skip";
