@@ -1,35 +1,15 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { Vec3 } from "../packages/decoder/src/base/matrix";
-import type { Camera, Manifest } from "../packages/decoder/src/reel/manifest";
 import { HeadsetSpace } from "../packages/element/src/camera/headset-space";
 import { Limits } from "../packages/element/src/camera/limits";
 import { HeadsetGrip, HeadsetPlacement, HeadsetTeleport } from "../packages/element/src/player/headset";
 import { meetsLevel } from "../packages/element/src/player/headset-input";
 import type { XrFrame, XrInput, XrSession } from "../packages/element/src/player/headset-support";
+import { CAMERA, close, MANIFEST } from "./fakes/scene";
 
-/** Cameras four units, two meters, from the middle, y down, looking along z. */
-const CAMERA: Camera = {
-  name: "",
-  width: 160,
-  height: 120,
-  K: [120, 0, 80, 0, 120, 60, 0, 0, 1],
-  viewmat: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1],
-};
-const MANIFEST = {
-  bounds: [
-    [-1, -1, -1],
-    [1, 1, 1],
-  ],
-  up: [0, -1, 0],
-  camera: CAMERA,
-  cameras: [CAMERA],
-  presentation: { limits: null },
-} as unknown as Manifest;
 const HEAD: Vec3 = [0, 1.6, 0];
 const SPACE = {};
-const close = (a: number[], b: number[]): void =>
-  a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-6, `${a} is not ${b}`));
 
 /** Column-major pose at a point that looks along a direction (only its z axis matters). */
 const poseAt = (at: Vec3, direction: Vec3 = [0, 0, -1]): Float64Array =>

@@ -3,24 +3,12 @@ import { test } from "node:test";
 import { eyeOf } from "../packages/decoder/src/base/matrix";
 import { HeadsetSpace } from "../packages/element/src/camera/headset-space";
 import type { Camera, Manifest } from "../packages/decoder/src/reel/manifest";
+import { CAMERA, close, MANIFEST } from "./fakes/scene";
 
-/** Cameras four units from the middle, y down as in the golden reels, looking along z. */
-const VIEWMAT = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1];
-const CAMERA: Camera = { name: "", width: 160, height: 120, K: [120, 0, 80, 0, 120, 60, 0, 0, 1], viewmat: VIEWMAT };
-const MANIFEST = {
-  bounds: [
-    [-1, -1, -1],
-    [1, 1, 1],
-  ],
-  up: [0, -1, 0],
-  camera: CAMERA,
-  cameras: [CAMERA, CAMERA],
-} as unknown as Manifest;
+const VIEWMAT = CAMERA.viewmat;
 /** Column by column: an eye at (x, y, z) that looks along -z; a square picture of 90 degrees. */
 const eyeAt = (x: number, y: number, z: number): number[] => [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, -x, -y, -z, 1];
 const PROJECTION = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, -1, -1, 0, 0, -0.2, 0];
-const close = (a: number[], b: number[]): void =>
-  a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-9, `${a} is not ${b}`));
 
 test("the viewer stands at the view, with the eyes 1.6 m above the floor", () => {
   const room = new HeadsetSpace(MANIFEST, VIEWMAT, true);

@@ -3,23 +3,9 @@ import { test } from "node:test";
 import { eyeOf, length, subtract, type Vec3 } from "../packages/decoder/src/base/matrix";
 import { OrbitCamera } from "../packages/element/src/camera/orbit-camera";
 import type { Manifest } from "../packages/decoder/src/reel/manifest";
+import { CAMERA, close, MANIFEST } from "./fakes/scene";
 
-const viewmat = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1];
-const home = { name: "start", width: 160, height: 120, K: [120, 0, 80, 0, 120, 60, 0, 0, 1], viewmat };
-const manifest = {
-  camera: home,
-  cameras: [home],
-  near: 0.1,
-  up: [0, -1, 0],
-  bounds: [
-    [-1, -1, -1],
-    [1, 1, 1],
-  ],
-  presentation: { limits: null },
-} as unknown as Manifest;
-
-const close = (a: number[], b: number[]): void =>
-  a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-6, `${a} is not ${b}`));
+const { viewmat } = CAMERA;
 
 /** Where a world point appears in a 160 x 120 picture. */
 function pixel(camera: OrbitCamera, point: Vec3): [number, number] {
@@ -29,20 +15,20 @@ function pixel(camera: OrbitCamera, point: Vec3): [number, number] {
 }
 
 test("starts exactly at the reel's camera", () => {
-  const view = new OrbitCamera(manifest).view(160, 120);
+  const view = new OrbitCamera(MANIFEST).view(160, 120);
   close(view.viewmat, viewmat);
   close([view.fx, view.fy, view.cx, view.cy], [120, 120, 80, 60]);
 });
 
 test("orbiting keeps the pivot in place and the distance to it", () => {
-  const camera = new OrbitCamera(manifest);
+  const camera = new OrbitCamera(MANIFEST);
   camera.orbit(0.7, -0.4);
   close(pixel(camera, [0, 0, 0]), [80, 60]);
   assert.ok(Math.abs(length(eyeOf(camera.viewmat)) - 4) < 1e-6);
 });
 
 test("the foreground follows the drag", () => {
-  const camera = new OrbitCamera(manifest);
+  const camera = new OrbitCamera(MANIFEST);
   camera.orbit(0.1, 0);
   assert.ok(pixel(camera, [0, 0, -1])[0] > 80);
   camera.viewmat = viewmat;
@@ -51,20 +37,20 @@ test("the foreground follows the drag", () => {
 });
 
 test("never crosses the pole", () => {
-  const camera = new OrbitCamera(manifest);
+  const camera = new OrbitCamera(MANIFEST);
   for (let i = 0; i < 100; i++) camera.orbit(0, 0.2);
   assert.ok(Math.abs(camera.viewmat[9]) < 1);
   assert.ok(camera.viewmat[5] > 0, "down still points down");
 });
 
 test("panning moves the pivot by as many pixels", () => {
-  const camera = new OrbitCamera(manifest);
+  const camera = new OrbitCamera(MANIFEST);
   camera.pan(10, -6, 120);
   close(pixel(camera, [0, 0, 0]), [90, 54]);
 });
 
 test("zooming changes only the distance, within bounds", () => {
-  const camera = new OrbitCamera(manifest);
+  const camera = new OrbitCamera(MANIFEST);
   camera.zoom(0.5);
   close(eyeOf(camera.viewmat), [0, 0, -2]);
   for (let i = 0; i < 100; i++) camera.zoom(0.5);
@@ -72,7 +58,7 @@ test("zooming changes only the distance, within bounds", () => {
 });
 
 test("a flick slows down and stops", () => {
-  const camera = new OrbitCamera(manifest);
+  const camera = new OrbitCamera(MANIFEST);
   camera.flick(3, 0);
   let steps = 0;
   while (camera.step(1 / 60)) steps++;
@@ -81,7 +67,7 @@ test("a flick slows down and stops", () => {
 
 test("reset glides back, or jumps with reduced motion", () => {
   for (const calm of [false, true]) {
-    const camera = new OrbitCamera(manifest, undefined, calm);
+    const camera = new OrbitCamera(MANIFEST, undefined, calm);
     camera.orbit(0.5, 0.2);
     camera.reset();
     let steps = 0;
@@ -92,7 +78,7 @@ test("reset glides back, or jumps with reduced motion", () => {
 });
 
 test("a key moves the camera while it is down", () => {
-  const camera = new OrbitCamera(manifest);
+  const camera = new OrbitCamera(MANIFEST);
   camera.steer({ yaw: 0, pitch: 0, right: 0, down: 0, forward: 0.5, zoom: 0 });
   for (let i = 0; i < 30; i++) camera.step(1 / 60);
   const [, , z] = eyeOf(camera.viewmat);
@@ -104,7 +90,7 @@ test("a key moves the camera while it is down", () => {
 });
 
 test("a view that is too far returns when the drag ends", () => {
-  const camera = new OrbitCamera(manifest);
+  const camera = new OrbitCamera(MANIFEST);
   camera.hold();
   camera.zoom(10);
   camera.step(1 / 60);
@@ -116,7 +102,7 @@ test("a view that is too far returns when the drag ends", () => {
 });
 
 test("the limits do not change a pose set by the page", () => {
-  const camera = new OrbitCamera(manifest);
+  const camera = new OrbitCamera(MANIFEST);
   const far = [...viewmat.slice(0, 11), 100, 0, 0, 0, 1];
   camera.viewmat = far;
   assert.equal(camera.step(1), false);
@@ -124,7 +110,7 @@ test("the limits do not change a pose set by the page", () => {
 });
 
 test("focus turns to the point and orbits about it", () => {
-  const camera = new OrbitCamera(manifest);
+  const camera = new OrbitCamera(MANIFEST);
   camera.focus([1, 0.5, 4]);
   while (camera.step(1 / 60));
   close(pixel(camera, [1, 0.5, 0]), [80, 60]);
@@ -133,7 +119,7 @@ test("focus turns to the point and orbits about it", () => {
 });
 
 test("a screen narrower than the image shows nothing above and below it; a wider one crops little", () => {
-  const camera = new OrbitCamera(manifest);
+  const camera = new OrbitCamera(MANIFEST);
   for (const [width, height] of [
     [390, 844],
     [768, 1024],
@@ -149,7 +135,7 @@ test("a screen narrower than the image shows nothing above and below it; a wider
 });
 
 test("the own view is recognized", () => {
-  const camera = new OrbitCamera(manifest);
+  const camera = new OrbitCamera(MANIFEST);
   assert.ok(camera.atOwnView);
   camera.viewmat = [...viewmat.slice(0, 11), 5, 0, 0, 0, 1];
   assert.ok(!camera.atOwnView);
@@ -161,7 +147,7 @@ test("the own view is recognized", () => {
 
 test("a portrait screen centers the focus and keeps the roll; a landscape screen is unchanged", () => {
   const aside = {
-    ...manifest,
+    ...MANIFEST,
     presentation: { limits: { focus: [1, 0.3, 0], angle: null, distance: null, floor: null } },
   } as unknown as Manifest;
   close(new OrbitCamera(aside, { clientWidth: 844, clientHeight: 390 }).viewmat, viewmat);
