@@ -163,24 +163,7 @@ class Hands {
     } else if (kind === 3) {
       for (let i = 0; i < 4; i++) this.send(this.surface, "wheel", { deltaY: between(-200, 200), deltaMode: 0 });
     } else if (kind === 4) {
-      const keys = [
-        "w",
-        "a",
-        "s",
-        "d",
-        "q",
-        "e",
-        "+",
-        "-",
-        "[",
-        "]",
-        "c",
-        "r",
-        "ArrowUp",
-        "ArrowDown",
-        "ArrowLeft",
-        "ArrowRight",
-      ];
+      const keys = "w a s d q e + - [ ] c r ArrowUp ArrowDown ArrowLeft ArrowRight".split(" ");
       const key = keys[Math.floor(random() * keys.length)];
       this.send(this.keyboard, "keydown", { key, code: key, shiftKey: true });
       this.frames(Math.floor(between(1, 30)));

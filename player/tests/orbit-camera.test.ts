@@ -4,6 +4,10 @@ import { eyeOf, length, subtract, type Vec3 } from "../packages/decoder/src/base
 import { OrbitCamera } from "../packages/element/src/camera/orbit-camera";
 import type { Manifest } from "../packages/decoder/src/reel/manifest";
 import { CAMERA, close, MANIFEST } from "./fakes/scene";
+import { reachable } from "../packages/element/src/camera/reachable";
+import { manifestOf } from "./fakes/reel";
+import { axesOf, normalized, type Quat, quatOf, slerp } from "../packages/element/src/base/quaternion";
+import { linkTo, startOf } from "../packages/element/src/camera/link";
 
 const { viewmat } = CAMERA;
 
@@ -161,4 +165,64 @@ test("a portrait screen centers the focus and keeps the roll; a landscape screen
   camera.reset();
   camera.step(1);
   close(camera.viewmat, m);
+});
+
+/** Limits of distance from 1 to 8 about the origin, and a floor at its height (up is -y). */
+const plain = manifestOf();
+const limited = {
+  ...plain,
+  presentation: {
+    ...plain.presentation,
+    limits: { focus: [0, 0, 0] as Vec3, angle: null, distance: [1, 8] as [number, number], floor: 0 },
+  },
+};
+const can = (eye: Vec3, distance = 4, manifest = limited): boolean =>
+  reachable({ eye, turn: [1, 0, 0, 0], distance }, manifest) !== null;
+
+test("a linked view that a viewer could reach is accepted", () => {
+  assert.deepEqual([can([0, 0, -4]), can([0, 0, -8]), can([0, -3, -4])], [true, true, true]);
+});
+
+test("a linked view far outside, below the floor or without content is rejected", () => {
+  assert.deepEqual(
+    [can([0, 0, -100]), can([0, 0.5, -4]), can([0, 0, -4], 1e6), can([NaN, 0, 0])],
+    [false, false, false, false],
+  );
+});
+
+test("without limits, views below the scene and all cameras are rejected", () => {
+  assert.deepEqual([can([0, 0.9, -4], 4, plain), can([0, 3, -4], 4, plain)], [true, false]);
+});
+
+const turns: Quat[] = [
+  [1, 0, 0, 0],
+  [0, 1, 0, 0],
+  [0, 0, 1, 0],
+  [0, 0, 0, 1],
+  normalized([0.3, -0.5, 0.7, 0.2]),
+  normalized([-0.1, 0.9, 0.2, -0.6]),
+];
+
+test("a rotation is recovered from its axis and angle", () => {
+  for (const turn of turns)
+    for (const [i, axis] of axesOf(turn).entries()) close(axis, axesOf(quatOf(axesOf(turn)))[i], 1e-4);
+});
+
+test("interpolation of two rotations takes the shorter way", () => {
+  const c = Math.SQRT1_2;
+  close(slerp([1, 0, 0, 0], [c, 0, 0, c], 0.5), [Math.cos(Math.PI / 8), 0, 0, Math.sin(Math.PI / 8)], 1e-4);
+  close(slerp([1, 0, 0, 0], [-c, 0, 0, -c], 0.5), [Math.cos(Math.PI / 8), 0, 0, Math.sin(Math.PI / 8)], 1e-4);
+});
+
+test("a link contains a time and a pose", () => {
+  const start = { seconds: 1.25, view: { eye: [1, -2.5, 3] as [number, number, number], turn: turns[4], distance: 4 } };
+  const read = startOf(linkTo("https://host/page?src=a#old", start));
+  assert.equal(read.seconds, 1.25);
+  close([...read.view!.eye, ...read.view!.turn, read.view!.distance], [1, -2.5, 3, ...turns[4], 4], 1e-4);
+});
+
+test("missing or invalid parts of a link change nothing", () => {
+  for (const end of ["", "#", "#t=x&view=1,2,3", "#view=0,0,0,0,0,0,0,1", "#view=1,2,3,1,0,0,0,nan"]) {
+    assert.deepEqual(startOf(`https://host/${end}`), { seconds: null, view: null });
+  }
 });

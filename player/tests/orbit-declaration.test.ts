@@ -37,8 +37,8 @@ test("wrong values are refused with the value and the remedy", () => {
     [parseOrbit, "45deg 80deg -2m", /"-2m" is not a distance/],
     [parseTarget, "1 2", /"1 2" is not a position/],
     [parseTarget, "1 2 x", /"1 2 x" is not a position/],
-    [parseFieldOfView, "0deg", /"0deg" is no field of view/],
-    [parseFieldOfView, "200deg", /"200deg" is no field of view/],
+    [parseFieldOfView, "0deg", /"0deg" is not a field of view/],
+    [parseFieldOfView, "200deg", /"200deg" is not a field of view/],
   ] as const)
     assert.throws(() => parse(text), words);
 });

@@ -4,8 +4,7 @@ import { join } from "node:path";
 import { test } from "node:test";
 import { deflateRawSync } from "node:zlib";
 import { ReelError } from "../packages/decoder/src/base/errors";
-import { openDropped, openFiles } from "../packages/element/src/files/open-files";
-import { filesOfZip } from "../packages/element/src/files/zip";
+import { filesOfZip, openDropped, openFiles } from "../packages/element/src/files/open-files";
 
 interface Packed {
   name: string;
@@ -108,7 +107,7 @@ test("a truncated, damaged, encrypted or unsupported zip is rejected with the re
   for (const [bytes, message] of cases) await assert.rejects(openFiles([file(bytes)]), { name: "ReelError", message });
 });
 
-test("a file that is no reel is named by its kind", async () => {
+test("a file that is not a reel is named by its kind", async () => {
   const cases: [File[], RegExp][] = [
     [[file(text("ply"), "scene.ply")], /That is not a reel: scene\.ply is a single static scene.*Give the folder/],
     [[file(text("mp4"), "film.MP4")], /film\.MP4 is an ordinary video/],

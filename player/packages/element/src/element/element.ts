@@ -28,42 +28,14 @@ import { Poster } from "./poster";
 import { Visibility } from "./visibility";
 
 /** Events of the player that the element dispatches as well. */
-const EVENTS = [
-  "emptied",
-  "loadstart",
-  "durationchange",
-  "loadedmetadata",
-  "loadeddata",
-  "canplay",
-  "play",
-  "playing",
-  "pause",
-  "waiting",
-];
-EVENTS.push(
-  "timeupdate",
-  "progress",
-  "seeking",
-  "seeked",
-  "ratechange",
-  "volumechange",
-  "pathchange",
-  "ended",
-  "error",
-);
+const EVENTS = (
+  "emptied loadstart durationchange loadedmetadata loadeddata canplay play playing pause " +
+  "waiting timeupdate progress seeking seeked ratechange volumechange pathchange ended error"
+).split(" ");
 
 /** `<splat-reel>`. */
 export class SplatReelElement extends MediaElement {
-  static readonly observedAttributes = [
-    "src",
-    "poster",
-    "loop",
-    "muted",
-    "controls",
-    "loading",
-    "preload",
-    "transparent",
-  ];
+  static readonly observedAttributes = "src poster loop muted controls loading preload transparent".split(" ");
 
   /** The player behind the element. */
   readonly player: Player;

@@ -28,16 +28,10 @@ export function watchAnnotations(host: HTMLElement, player: Player, failed: () =
 }
 
 /** Attributes that declare a camera. */
-const NAMES = [
-  "camera-orbit",
-  "camera-target",
-  "field-of-view",
-  "min-camera-orbit",
-  "max-camera-orbit",
-  "auto-rotate",
-  "auto-rotate-delay",
-  "rotation-per-second",
-];
+const NAMES = (
+  "camera-orbit camera-target field-of-view min-camera-orbit max-camera-orbit " +
+  "auto-rotate auto-rotate-delay rotation-per-second"
+).split(" ");
 
 /** Follow the attributes of an element until the signal. failed: the part cannot be loaded. */
 export function watchCamera(host: HTMLElement, player: Player, failed: () => void, signal: AbortSignal): void {

@@ -138,6 +138,6 @@ export function parseTime(text: string | undefined): [number, number] {
     .split(/\s+/)
     .map((part) => Number(part || NaN));
   if (numbers.length !== 2 || !(numbers[0] <= numbers[1]))
-    throw new Error(`data-time="${text}" is no part of the time. Write the seconds of start and end, such as 1.5 3`);
+    throw new Error(`data-time="${text}" is not a part of the time. Write the seconds of start and end, such as 1.5 3`);
   return numbers as [number, number];
 }

@@ -228,30 +228,10 @@ class HeadsetEntry {
 }
 
 /** Events of the player after which the controls are updated. */
-const EVENTS = [
-  "emptied",
-  "loadstart",
-  "loadedmetadata",
-  "durationchange",
-  "canplay",
-  "play",
-  "pause",
-  "timeupdate",
-  "progress",
-  "waiting",
-  "playing",
-];
-EVENTS.push(
-  "seeking",
-  "seeked",
-  "ratechange",
-  "volumechange",
-  "trackchange",
-  "sectionchange",
-  "ended",
-  "deferred",
-  "error",
-);
+const EVENTS = (
+  "emptied loadstart loadedmetadata durationchange canplay play pause timeupdate progress waiting " +
+  "playing seeking seeked ratechange volumechange trackchange sectionchange ended deferred error"
+).split(" ");
 
 /** Step of the volume by a key, and pixels within which a right click stays. */
 const VOLUME = 0.05;

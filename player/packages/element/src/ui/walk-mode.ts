@@ -17,7 +17,7 @@ const SPEED = 1.4;
 /** Rates at which the speed adapts, and at which a tilt decays and the limits pull, per second. */
 const AGILITY = 8;
 const PULL = 5;
-/** Speed that is no motion any more, relative to the walking speed, and distance that is none, relative to the scene. */
+/** Speed below which the walk ends, relative to the walking speed, and distance that is none, relative to the scene. */
 const SLOW = 0.01;
 const NEAR = 1e-4;
 

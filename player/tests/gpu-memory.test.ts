@@ -1,7 +1,19 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
+import { RowAllocator } from "../packages/renderer/src/webgl/gpu-memory";
 import { depthOf, float, hitsAt } from "../packages/renderer/src/webgl/webgl-renderer";
 import { half } from "../packages/renderer/src/draw/point-words";
+
+test("ranges do not overlap, gaps are filled first, and an empty range takes no rows", () => {
+  const rows = new RowAllocator();
+  assert.deepEqual([rows.take(3), rows.take(2), rows.take(0), rows.take(4)], [0, 3, 0, 5]);
+  assert.equal(rows.end, 9);
+  rows.give(3, 2);
+  assert.equal(rows.take(3), 9);
+  assert.equal(rows.take(2), 3);
+  rows.give(9, 3);
+  assert.equal(rows.end, 9);
+});
 
 const pair = (low: number, high: number): number => (half(low) | (half(high) << 16)) >>> 0;
 const bits = (value: number): number => new Uint32Array(Float32Array.of(value).buffer)[0];
