@@ -25,9 +25,8 @@ from splatreel.capture.reading import median_images, moving_pixels
 from splatreel.codec.group_file import decode_layer, encode_layer
 from splatreel.config import Config
 from splatreel.config.settings import complete_settings
-from splatreel.evaluation.evaluate import check_same_capture, check_unseen
+from splatreel.evaluation.evaluate import ImageComparison, Quality, check_same_capture, check_unseen
 from splatreel.evaluation.perceptual import Lpips, load_lpips
-from splatreel.evaluation.quality import ImageComparison, Quality
 from splatreel.evaluation.report import write_text
 from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels.image import render_image

@@ -30,8 +30,8 @@ from splatreel.run.machine_speed import on_one_thread
 from splatreel.run.pipeline import Result, reconstruct
 from splatreel.run.steps import restored_rig
 from splatreel.run.store import Store
+from splatreel.scene.gaussians import StaticPoints
 from splatreel.scene.group import GroupSpan
-from splatreel.scene.static_points import StaticPoints
 
 BATCH = 8
 """Iterations timed together. Each uses another camera and frame."""

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from splatreel.base.errors import CancelledError, SplatreelError
     from splatreel.capture.array_capture import capture_from_arrays
     from splatreel.capture.opening import open_capture
-    from splatreel.codec.verification import verify_reel
+    from splatreel.codec.inspection import verify_reel
     from splatreel.config import Config, preset
     from splatreel.formats.ply import read_ply, write_ply
     from splatreel.play.player_page import copy_player
@@ -56,7 +56,7 @@ _HOMES = {
     "read_ply": "splatreel.formats.ply",
     "reconstruct": "splatreel.api",
     "render": "splatreel.api",
-    "verify_reel": "splatreel.codec.verification",
+    "verify_reel": "splatreel.codec.inspection",
     "write_ply": "splatreel.formats.ply",
 }
 

@@ -19,9 +19,9 @@ from splatreel.cli import demo
 from splatreel.cli.demo import DemoPlayer
 from splatreel.cli.main import main
 from splatreel.cli.options import with_set
-from splatreel.codec.preview_writer import write_preview
+from splatreel.codec.preview import write_preview
 from splatreel.config import preset
-from splatreel.play import sample_reel
+from splatreel.play.demo_page import sample_reel
 from splatreel.run import groups
 from tests.codec.reels import new_header, points, write_reel
 from tests.golden import PREDICTIVE

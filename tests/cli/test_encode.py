@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from splatreel.cli.main import main
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.run.pipeline import reconstruct
 from splatreel.run.run_folder import lock_reel
 from tests.method.captures import WallCapture

@@ -13,8 +13,8 @@ from splatreel import config
 from splatreel.base.errors import StorageError
 from splatreel.cli.main import main
 from splatreel.codec import publish
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.publish import AT_ONCE
-from splatreel.codec.verification import verify_reel
 from splatreel.storage import address as addresses
 from splatreel.storage.address import Address
 from splatreel.storage.transport import Bucket as Transport

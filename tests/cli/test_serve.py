@@ -103,7 +103,7 @@ def test_view_plays_the_sample(monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
         with urllib.request.urlopen(f"{server.url}reel/manifest.json", timeout=60) as answer:
             served.append(answer.read().decode())
 
-    monkeypatch.setattr("splatreel.play.sample_reel.SAMPLE", GOLDEN)
+    monkeypatch.setattr("splatreel.play.demo_page.SAMPLE", GOLDEN)
     monkeypatch.setattr(Server, "wait", read)
     assert main(["view", "--sample", "--no-open"]) == 0
     assert served == [(GOLDEN / "manifest.json").read_text()]
@@ -115,7 +115,7 @@ def test_view_plays_the_sample(monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
 def test_view_of_a_sample_that_is_not_installed(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("splatreel.play.sample_reel.SAMPLE", tmp_path)
+    monkeypatch.setattr("splatreel.play.demo_page.SAMPLE", tmp_path)
     assert main(["view", "--sample"]) == 1
     assert "has no sample reel. `splatreel demo --out OUT` makes such a reel" in capsys.readouterr().err
 

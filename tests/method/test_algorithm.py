@@ -17,9 +17,8 @@ from splatreel.method.layering.labels import Layers, RelitPoints
 from splatreel.method.train.single_frame import lay_out
 from splatreel.run.output.group_writer import header_of
 from splatreel.run.steps import STEPS
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import GroupSpan
-from splatreel.scene.static_points import StaticPoints
 from tests.method.captures import WallCapture
 from tests.method.small import small
 

@@ -17,7 +17,7 @@ from splatreel.method.train.programs import Draw
 from splatreel.method.train.render import View
 from splatreel.method.train.terms.custom import Custom
 from splatreel.method.train.training_images import TrainingImages
-from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.gaussians import StaticPoints
 from tests.method.captures import blots
 from tests.method.scenes import random_gaussians, ring
 from tests.method.small import plain

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from splatreel.base.progress import Silent
-from splatreel.codec.verification import verify_reel
+from splatreel.codec.inspection import verify_reel
 from splatreel.config import EncodeConfig
-from splatreel.evaluation.uncompressed import uncompressed_frames
+from splatreel.evaluation.evaluate import uncompressed_frames
 from splatreel.kernels.image import render_image
 from splatreel.method.train import gpu_program
 from splatreel.run.output.reencode import reencode

@@ -9,8 +9,8 @@ import pytest
 
 from splatreel.base.errors import ReconstructionError
 from splatreel.base.progress import Silent
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.play.timeline import Timeline
 from splatreel.run.jobs import ChapteredRun, chapter_job, reel_job, scene_job
 from splatreel.run.output.group_writer import no_presentation

@@ -17,11 +17,11 @@ import pytest
 from splatreel.base import atomic
 from splatreel.base.errors import CaptureError, ReconstructionError, SplatreelError, StorageError, UsageError
 from splatreel.base.progress import Silent, Span
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.config import Config
 from splatreel.config.settings import ADDED_SETTINGS
-from splatreel.evaluation.uncompressed import uncompressed_frames
+from splatreel.evaluation.evaluate import uncompressed_frames
 from splatreel.kernels.image import render_image
 from splatreel.run.pipeline import Result, reconstruct
 from splatreel.scene.reel_source import ReelSource

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from splatreel.base.errors import ReelError, StorageError
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.publish import Publication
-from splatreel.codec.verification import verify_reel
 from splatreel.storage.address import Address
 from splatreel.storage.transport import Verdict, judge
 from tests.buckets import Bucket, Faults

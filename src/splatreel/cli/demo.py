@@ -98,8 +98,7 @@ def reconstruct_demo(
     from splatreel.kernels.warmup import background_warmup
 
     with background_warmup(progress, threads.count()):
-        from splatreel.evaluation.evaluate import evaluate
-        from splatreel.evaluation.uncompressed import uncompressed_frames
+        from splatreel.evaluation.evaluate import evaluate, uncompressed_frames
         from splatreel.play.presentation_writer import PresentationWriter
         from splatreel.run import pipeline
         from splatreel.run.store import Store
@@ -144,8 +143,7 @@ class DemoPlayer(PassedOn):
 
     def __init__(self, progress: Progress, out: Path, port: int = 0) -> None:
         from splatreel.cli.serve import run_report
-        from splatreel.play.demo_page import NAME, DemoPage
-        from splatreel.play.sample_reel import SAMPLE
+        from splatreel.play.demo_page import NAME, SAMPLE, DemoPage
         from splatreel.play.served_files import RunFiles, ServedFiles
         from splatreel.play.server import Server
 
@@ -194,7 +192,7 @@ def demo_player(progress: Progress, out: Path, serve: bool) -> Iterator[DemoPlay
     Yields:
         The progress display to use; None if nothing is served.
     """
-    from splatreel.play.sample_reel import has_sample
+    from splatreel.play.demo_page import has_sample
 
     if not serve:
         yield None

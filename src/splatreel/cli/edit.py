@@ -60,7 +60,7 @@ def edit(
 
 def _edit_texts(reel: str | Path, given: dict[str, str]) -> None:
     """Change texts in place."""
-    from splatreel.codec.description import edit_reel
+    from splatreel.codec.manifest import edit_reel
 
     if not given:
         raise UsageError(

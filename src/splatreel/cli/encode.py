@@ -48,7 +48,7 @@ def encode(
         settings: Any setting of encode that `splatreel config` lists, such as encode.h265.fold=false; may be repeated.
     """
     from splatreel.base.display import console
-    from splatreel.codec.reel_sizes import reel_info
+    from splatreel.codec.inspection import reel_info
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.run.output.reencode import reencode
 

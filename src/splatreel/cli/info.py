@@ -11,9 +11,9 @@ from splatreel.cli.options import ReelAddress, megabytes, reel_folder
 from splatreel.cli.printing import counted, say
 
 if TYPE_CHECKING:
+    from splatreel.codec.inspection import ReelInfo
     from splatreel.codec.manifest import Manifest
     from splatreel.codec.presentation import Sound
-    from splatreel.codec.reel_sizes import ReelInfo
 
 
 def info(reel: ReelAddress, /, rendition: str | None = None, json: bool = False) -> None:
@@ -24,7 +24,7 @@ def info(reel: ReelAddress, /, rendition: str | None = None, json: bool = False)
         rendition: Rendition to look at, for a reel that has several; by default the best.
         json: Print everything as JSON.
     """
-    from splatreel.codec.reel_sizes import reel_info
+    from splatreel.codec.inspection import reel_info
 
     location = reel_folder(reel)
     found = reel_info(location, rendition)
@@ -153,7 +153,7 @@ def verify(reel: ReelAddress, /, max_memory: int | None = None) -> None:
         reel: Folder of the reel, or its URL: http(s), s3://BUCKET/REEL and the like (needs splatreel[cloud]).
         max_memory: Megabytes that decoding a file may take; by default what a correct file of its length needs.
     """
-    from splatreel.codec.verification import verify_reel
+    from splatreel.codec.inspection import verify_reel
 
     location = reel_folder(reel)
     found = verify_reel(location, megabytes(max_memory))

@@ -247,7 +247,7 @@ def reconstruct(
     if not estimate:
         names = (without_secrets(str(address)) for address in (capture, out))
         say(f"Reconstructing {' into '.join(names)}", flush=True)  # before the imports, which take seconds
-    from splatreel.evaluation.page.report_writer import ReportWriter
+    from splatreel.evaluation.page.report_page import ReportWriter
     from splatreel.kernels.warmup import background_warmup
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.run.pipeline import RunSpec

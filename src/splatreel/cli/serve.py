@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Literal
 from splatreel.base.errors import UsageError
 from splatreel.cli.options import OptionalReel, ReelAddress, megabytes, parse_names, reel_folder
 from splatreel.cli.printing import print_qr_code, say
-from splatreel.play.sample_reel import sample_reel
+from splatreel.play.demo_page import sample_reel
 
 if TYPE_CHECKING:
-    from splatreel.evaluation.page.served_report import ServedReport
+    from splatreel.evaluation.page.report_page import ServedReport
     from splatreel.play.server import Server
     from splatreel.play.viewer import Viewer
 
@@ -64,12 +64,13 @@ def run_report(reel: str | Path, always: bool = False) -> dict[str, ServedReport
         reel: Folder or address of the reel.
         always: The reel belongs to a run that has not begun yet.
     """
-    from splatreel.evaluation.page.served_report import ServedReport
     from splatreel.storage.address import local_path
 
     folder = local_path(reel)
     if folder is None or importlib.util.find_spec("cv2") is None:
         return {}
+    from splatreel.evaluation.page.report_page import ServedReport
+
     out = folder.resolve().parent
     of_a_run = folder.resolve().name == "reel" and (out / "work").is_dir()
     return {"report.html": ServedReport(out, folder)} if of_a_run or always else {}
@@ -104,8 +105,7 @@ def view(
 
         run(Server(folder, "127.0.0.1", port), browser=open)
     else:
-        from splatreel.play.renderers import draw_on_cpu
-        from splatreel.play.timeline import open_reel
+        from splatreel.play.timeline import draw_on_cpu, open_reel
         from splatreel.play.viewer import Viewer
         from splatreel.run.device_choice import cuda_renderer
 

@@ -35,9 +35,8 @@ from splatreel.method.train.stages import (
     train_first_keyframe,
     train_group,
 )
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import Group
-from splatreel.scene.static_points import StaticPoints
 
 Arguments = TypeVarTuple("Arguments")
 Found = TypeVar("Found")

@@ -11,8 +11,7 @@ import numpy as np
 from splatreel.base.errors import ReconstructionError
 from splatreel.capture.base import Capture
 from splatreel.capture.reading import FramePrefetcher
-from splatreel.codec.preview import remove_previews
-from splatreel.codec.preview_writer import write_preview
+from splatreel.codec.preview import remove_previews, write_preview
 from splatreel.method.algorithm import NextGroup, Start, hand_over, reconstruct_group
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.init.layout import Layout

@@ -31,8 +31,8 @@ from splatreel.run.run_folder import RunLock, run_record
 from splatreel.run.run_logs import LoggedProgress, logged
 from splatreel.run.shared_scene import load_plates, reconstruct_shared_scene, shared_rig
 from splatreel.run.store import Store
+from splatreel.scene.gaussians import StaticPoints
 from splatreel.scene.group import ChapterSpan, GroupSpan, chapter_spans, group_spans
-from splatreel.scene.static_points import StaticPoints
 
 SCENE = "scene"
 """Name of the scene's job in files and locks."""

@@ -25,7 +25,7 @@ from splatreel.run.preparation import open_reel_writer, prepare, save_header
 from splatreel.run.requirements import check_capture, check_memory, check_networks
 from splatreel.run.run_folder import recorded_settings
 from splatreel.run.store import Store
-from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.gaussians import StaticPoints
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import pytest
 from splatreel.base.errors import ReelError
 from splatreel.codec.container import pack_file, unpack_file
 from splatreel.codec.group_file import decode_group, encode_group
-from splatreel.codec.paper import maps, offsets
+from splatreel.codec.paper import hevc, offsets
 from splatreel.config import EncodeConfig
 from splatreel.scene import rotations
 from splatreel.scene.group import Group
@@ -70,7 +70,7 @@ def test_zero_motion_is_exact():
 
 def test_map_layout_known_answers():
     """Z-order in a block of 16, every odd row of blocks from right to left."""
-    pixels = maps.pixels_of(256 * 6, 48)
+    pixels = hevc.pixels_of(256 * 6, 48)
     xy = np.stack([pixels % 48, pixels // 48], -1)
     assert xy[[0, 1, 2, 3, 255]].tolist() == [[0, 0], [1, 0], [0, 1], [1, 1], [15, 15]]
     assert xy[[256, 512, 768, 1024, 1280]].tolist() == [[16, 0], [32, 0], [32, 16], [16, 16], [0, 16]]

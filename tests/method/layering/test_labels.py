@@ -17,8 +17,7 @@ from splatreel.method.layering.labels import (
     separate,
 )
 from splatreel.scene.clearance import Clearance
-from splatreel.scene.gaussians import C0, Gaussians
-from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.gaussians import C0, Gaussians, StaticPoints
 from tests.method.captures import blots
 from tests.method.inputs import group_input
 from tests.method.scenes import look_at, random_gaussians, ring

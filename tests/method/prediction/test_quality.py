@@ -17,8 +17,7 @@ from splatreel.method.prediction.quality import SCALE, Coverage, Silhouettes, co
 from splatreel.method.prediction.trial import Trial
 from splatreel.run import pipeline, preparation
 from splatreel.run.store import Store
-from splatreel.scene.camera import Camera
-from splatreel.scene.projection import unproject
+from splatreel.scene.camera import Camera, unproject
 from tests.method import corner
 from tests.method.captures import WallCapture
 from tests.method.scenes import look_at

@@ -17,9 +17,8 @@ from splatreel.method.train import density
 from splatreel.method.train.group_trainer import FrameSchedule, GroupResult, GroupTrainer
 from splatreel.method.train.render import View
 from splatreel.method.train.training_images import TrainingImages
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import Group
-from splatreel.scene.static_points import StaticPoints
 from tests.method.captures import blots
 from tests.method.scenes import ring
 from tests.method.small import plain

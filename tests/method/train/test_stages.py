@@ -10,8 +10,7 @@ from splatreel.method.cameras.exposure import measure_exposure, remove_exposure
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.train.stages import missing_in, start_chapter
-from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from tests.method.captures import blots
 from tests.method.inputs import group_input
 from tests.method.scenes import look_at, ring

@@ -12,9 +12,9 @@ from splatreel.base.progress import Silent, Span
 from splatreel.capture.follower import Follower, open_growing
 from splatreel.capture.growth import Growth
 from splatreel.capture.opening import open_capture
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.opus_sound import decode_sound
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.config import Config
 from splatreel.run.live.following import Live, reconstruct_following
 from splatreel.run.pipeline import reconstruct

@@ -7,10 +7,10 @@ import pytest
 
 from splatreel.base.errors import ReelError
 from splatreel.base.progress import Silent
-from splatreel.codec import layer_parts
+from splatreel.codec import encoder
 from splatreel.codec.header import ReelHeader
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.config import EncodeConfig
 from splatreel.method.encode import compression
 from splatreel.run.output import group_writer
@@ -75,7 +75,7 @@ def test_continued_reel_equals_an_uninterrupted_one(
 ) -> None:
     """The alive flags of later groups follow the points of the layers that the reel holds already."""
     if kind == "parts":
-        monkeypatch.setattr(layer_parts, "FIRST", 8)
+        monkeypatch.setattr(encoder, "FIRST", 8)
     else:
         half = Region(Sphere(np.array([0.2, 0.0, 0.0]), 1.0))
         monkeypatch.setattr(group_writer, "region_of", lambda *_: half)

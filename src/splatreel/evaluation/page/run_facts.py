@@ -32,8 +32,6 @@ class GroupFacts:
     """Numbers of one group.
 
     Attributes:
-        index: Number of the group.
-        first: First frame.
         end: Frame after the last.
         static: Static points of the layers that live at it.
         born: Static points that were born at it.
@@ -89,7 +87,6 @@ class RunFacts:
 
     Attributes:
         reel: Location of the reel.
-        manifest: Manifest of the reel.
         points: Some static points of the first group, [N, 3].
         report: Report of the evaluation; None before it.
         images: Folder of the images.

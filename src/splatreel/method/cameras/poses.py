@@ -28,8 +28,7 @@ from splatreel.method.init.triangulate import (
     reprojection_errors,
     separation,
 )
-from splatreel.scene.camera import Camera, focus_point
-from splatreel.scene.projection import project, unproject
+from splatreel.scene.camera import Camera, focus_point, project, unproject
 
 NEIGHBORS = 6
 SEARCH_WIDTHS = 0.03, 0.015, 0.008

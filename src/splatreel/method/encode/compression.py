@@ -20,9 +20,8 @@ from splatreel.method.cameras.group_input import ENOUGH_SIDE, GroupInput
 from splatreel.method.encode.step_choice import encode_group_by_slope, encode_layer_by_slope
 from splatreel.method.prediction.trial import Trial
 from splatreel.scene.camera import Camera
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import Group, GroupSpan
-from splatreel.scene.static_points import StaticPoints
 
 VIEWS = 24
 """Maximum number of views drawn per moment."""

@@ -26,9 +26,8 @@ from splatreel.config import EncodeConfig
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.prediction.trial import Trial
 from splatreel.scene import rotations
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import Group
-from splatreel.scene.static_points import StaticPoints
 
 MIN_GAIN = 0.03
 """Minimum gain of 10 % more bytes of the reel in a held-out view, dB."""

@@ -18,8 +18,7 @@ from splatreel.base.errors import ReconstructionError
 from splatreel.method.init import planesweep
 from splatreel.method.init.planesweep import DepthMap, narrow_ranges, seen_depths
 from splatreel.method.init.triangulate import triangulate
-from splatreel.scene.camera import Camera, focus_point
-from splatreel.scene.projection import inside, project, unproject
+from splatreel.scene.camera import Camera, focus_point, inside, project, unproject
 from splatreel.scene.volumes import Volume
 
 MAX_POINTS = 25_000

@@ -15,8 +15,7 @@ from splatreel.codec.presentation import Limits
 from splatreel.method.init.planesweep import seen_depths
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import NONE, Clearance
-from splatreel.scene.volume_text import parse_volume
-from splatreel.scene.volumes import Volume
+from splatreel.scene.volumes import Volume, parse_volume
 
 BORDER_PARTS = 8
 """Each side of an image's border is one part in this many of its width or height."""

@@ -20,8 +20,7 @@ import numpy as np
 
 from splatreel.base import threads
 from splatreel.method.init.triangulate import nearest_cameras
-from splatreel.scene.camera import Camera
-from splatreel.scene.projection import inside, project, unproject
+from splatreel.scene.camera import Camera, inside, project, unproject
 
 NEIGHBORS = 4
 PATCH = 5

@@ -18,11 +18,9 @@ from splatreel.method.images.change import changed_pixels
 from splatreel.method.images.flow import make_flow
 from splatreel.method.layering.lift import gather_images, lift, shares
 from splatreel.method.layering.masks import make_segmenter, motion_masks
-from splatreel.scene.camera import Camera
+from splatreel.scene.camera import Camera, inside, project
 from splatreel.scene.clearance import Clearance
-from splatreel.scene.gaussians import C0, Gaussians
-from splatreel.scene.projection import inside, project
-from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.gaussians import C0, Gaussians, StaticPoints
 
 DYNAMIC_LABEL = 0.5
 """Labels above this value are dynamic: the middle of 0 (static) and 1. A lower value makes more points dynamic, which costs

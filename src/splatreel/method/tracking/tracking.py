@@ -23,9 +23,8 @@ from splatreel.method.layering.lift import shares
 from splatreel.method.tracking.new_points import ErrorMasks, error_masks, find_new_points
 from splatreel.method.tracking.track import PointTracks, Tracker, identity_quats
 from splatreel.scene.camera import Camera
-from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.gaussians import C0, Gaussians, StaticPoints
 from splatreel.scene.group import Group
-from splatreel.scene.static_points import StaticPoints
 
 CHECK_EVERY = 4
 """Frames between two checks for content that appeared or departed."""

@@ -34,9 +34,8 @@ from splatreel.method.train.terms.smoothness import Smoothness, choose_span
 from splatreel.method.train.terms.term import Neighbors
 from splatreel.method.train.trainable_points import sigmoid
 from splatreel.method.train.training_images import TrainingImages
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import Group, GroupSpan
-from splatreel.scene.static_points import StaticPoints
 from splatreel.scene.volumes import Volume
 
 LEAST_PER_ROUND, MOST_PER_ROUND = 0.5, 3.0

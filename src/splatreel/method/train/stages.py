@@ -28,9 +28,8 @@ from splatreel.method.train.single_frame import first_keyframe_trainer, train_fr
 from splatreel.method.train.subject import with_opposite
 from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
-from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.projection import inside, project
-from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.camera import inside, project
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 
 
 class KeyframeWatch(Protocol):

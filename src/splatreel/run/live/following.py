@@ -42,9 +42,8 @@ from splatreel.run.preparation import prepare, save_header
 from splatreel.run.requirements import check_capture, check_memory, check_networks
 from splatreel.run.run_folder import RunLock, recorded_settings, run_record
 from splatreel.run.store import Store, load_arrays, save_arrays
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import Group, GroupSpan, group_spans
-from splatreel.scene.static_points import StaticPoints
 
 WhenLate = Literal["wait", "draft", "skip"]
 """wait: reconstruct every group in order, with growing latency. draft: use draft settings until caught up. skip: skip groups."""

@@ -17,7 +17,7 @@ from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.follower import Follower
 from splatreel.capture.growing_video import choose_growing_track
 from splatreel.capture.videos import GrowingVideos
-from splatreel.codec.fragments import RATE, initialization
+from splatreel.codec.mp4 import RATE, initialization
 from splatreel.codec.opus_sound import SEGMENT_SECONDS, TYPE, SoundEncoder
 from splatreel.codec.presentation import Sound, SoundSegment
 from splatreel.codec.writer import ReelWriter
