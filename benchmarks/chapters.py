@@ -4,7 +4,7 @@ python benchmarks/chapters.py CAPTURE --width 240
 
 Every job runs in a process of its own, from copies of one scene. Beside seconds there is processor time, which tells more where the
 machine is not idle: of the main thread, and of all. What the main thread has more than the others with it is what threads do not
-gain; SERIAL_SCENE and SERIAL_CHAPTER in run/machines/scaling.py are this measurement's.
+gain; SERIAL_SCENE and SERIAL_CHAPTER in run/estimate.py are this measurement's.
 """
 
 import multiprocessing
@@ -23,7 +23,7 @@ from splatreel.base.process import keep_freed_memory, peak_memory_bytes, quiet_t
 from splatreel.cli.options import parse_frames
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed
-from splatreel.run.machines.scaling import divide, run_time
+from splatreel.run.estimate import divide, run_time
 
 MACHINES = {"16 cores": (16, 1), "8 x 16 cores": (16, 8)}
 """Cores of each, and how many."""

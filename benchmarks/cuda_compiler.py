@@ -3,7 +3,7 @@
 import os
 from importlib.util import find_spec
 
-from splatreel.run.memory import free_memory
+from splatreel.run.requirements import free_memory
 
 COMPILER_BYTES = 3e9
 """Memory that one process of CUDA's compiler is given."""

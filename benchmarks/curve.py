@@ -17,12 +17,11 @@ from splatreel.capture.base import Capture
 from splatreel.config import Config
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.kernels.splat import Splats
-from splatreel.method.train.group_trainer import GroupResult, GroupTrainer
+from splatreel.method.train.group_trainer import GroupResult, GroupTrainer, psnr
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
 from splatreel.method.train.render import View, deformed, draw
 from splatreel.method.train.trainable_points import to_params
 from splatreel.method.train.training_images import TrainingImages
-from splatreel.method.train.training_psnr import psnr
 from splatreel.run.jobs import ChapteredRun
 from splatreel.run.output.group_writer import no_presentation
 from splatreel.run.pipeline import plan_run, reconstruct_run

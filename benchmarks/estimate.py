@@ -41,8 +41,8 @@ def measure(case: Case, out: Path) -> dict:
     threads.use(1)
     keep_freed_memory()
     from splatreel.base.display import console
+    from splatreel.run.estimate import estimate
     from splatreel.run.machine_speed import measure_speed
-    from splatreel.run.machines.estimate import estimate
     from splatreel.run.machines.local_processes import division_of
     from splatreel.run.pipeline import RunSpec, reconstruct_run
 

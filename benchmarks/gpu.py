@@ -35,8 +35,7 @@ from splatreel.gpu.adapters import CUDA, adapters, choose_adapter
 from splatreel.gpu.cuda_libraries import find_compilers
 from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.run.device_choice import pick_gpu
-from splatreel.run.gpu_speed import iteration_ms
-from splatreel.run.machine_speed import LARGE, SMALL, Probe
+from splatreel.run.machine_speed import LARGE, SMALL, Probe, iteration_ms
 
 FAR_OFF = 0.02
 """Relative difference between the devices above which an iteration is wrong, and not only rounded otherwise."""

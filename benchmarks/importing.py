@@ -38,8 +38,7 @@ from splatreel.importing.frames import Frames, open_frames
 from splatreel.importing.reel import header_of, write_reel
 from splatreel.importing.viewpoints import read_cameras
 from splatreel.method.train.single_frame import reconstruct_single_frame
-from splatreel.play.renderers import draw_on_cpu
-from splatreel.play.timeline import open_reel
+from splatreel.play.timeline import draw_on_cpu, open_reel
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 

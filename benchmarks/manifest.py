@@ -13,10 +13,8 @@ import numpy as np
 import tyro
 
 from record import record
-from splatreel.codec.file_entry import FileEntry
 from splatreel.codec.header import ReelHeader
-from splatreel.codec.manifest import Manifest, parse_manifest
-from splatreel.codec.manifest_pages import PAGE, Known, make_page
+from splatreel.codec.manifest import PAGE, FileEntry, Known, Manifest, make_page, parse_manifest
 from splatreel.scene.camera import Camera
 
 

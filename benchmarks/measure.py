@@ -20,8 +20,7 @@ from bench.speed import bench_reconstruct
 from splatreel.base.display import console
 from splatreel.base.errors import MissingDependencyError, UsageError
 from splatreel.base.threads import use as use_threads
-from splatreel.cli.options import CaptureFolder, CaptureOptions, parse_frames
-from splatreel.cli.outputs import check_out
+from splatreel.cli.options import CaptureFolder, CaptureOptions, check_out, parse_frames
 from splatreel.cli.printing import say
 from splatreel.cli.reconstruct import Device, configure
 from splatreel.config import Quality

@@ -8,10 +8,9 @@ from bench.microbenchmarks import cloud, front_camera
 from bench.timing import median_ms
 from splatreel.base.progress import Silent
 from splatreel.gpu.shared_gpu import SharedGpu
-from splatreel.play.renderers import draw_on_cpu
+from splatreel.play.timeline import draw_on_cpu
 from splatreel.run.device_choice import cuda_renderer
-from splatreel.run.gpu_speed import probe_training
-from splatreel.run.machine_speed import Probe
+from splatreel.run.machine_speed import Probe, probe_training
 
 NEAR = 0.1
 

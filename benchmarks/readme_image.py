@@ -12,7 +12,7 @@ from PIL import Image
 
 import splatreel
 from record import ROOT
-from splatreel.play.sample_reel import SAMPLE
+from splatreel.play.demo_page import SAMPLE
 from splatreel.scene.camera import facing
 from toyroom.capture import RADIUS, TARGET
 

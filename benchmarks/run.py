@@ -9,10 +9,9 @@ from record import machine, record, summary
 from splatreel.base.display import console
 from splatreel.base.process import keep_freed_memory
 from splatreel.capture.base import Capture
-from splatreel.codec.reel_sizes import reel_info
+from splatreel.codec.inspection import reel_info
 from splatreel.config import Config
-from splatreel.evaluation.evaluate import evaluate
-from splatreel.evaluation.uncompressed import uncompressed_frames
+from splatreel.evaluation.evaluate import evaluate, uncompressed_frames
 from splatreel.run.pipeline import reconstruct
 
 

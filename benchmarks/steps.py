@@ -28,11 +28,10 @@ from splatreel.method.cameras.rig import Rig
 from splatreel.method.encode.step_choice import encode_group_by_slope, encode_layer_by_slope
 from splatreel.method.prediction.quality import Coverage
 from splatreel.play.timeline import Moment, Timeline
-from splatreel.run.step_checkpoints import EXPOSURE, KEYFRAME
+from splatreel.run.steps import EXPOSURE, KEYFRAME
 from splatreel.run.store import Store
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import Group, GroupSpan
-from splatreel.scene.static_points import StaticPoints
 
 COARSENESS = EncodeConfig().coarseness
 FACTORS = 0.7, 1.0, 1.5, 2.2, 3.3

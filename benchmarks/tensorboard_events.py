@@ -13,9 +13,9 @@ from tensorboardX import event_file_writer, summary
 from tensorboardX.proto import event_pb2
 
 from splatreel.codec.manifest import Manifest
-from splatreel.codec.written_reel import read_written_manifest
+from splatreel.codec.writer import read_written_manifest
 from splatreel.evaluation.page.run_facts import GroupFacts, group_facts
-from splatreel.run.run_history import RecordedStage, RunHistory, read_history
+from splatreel.run.run_logs import RecordedStage, RunHistory, read_history
 
 FOLDER = "tensorboard"
 STEPS_PER_GROUP = 1000

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.codec.fragments import RATE
 from splatreel.codec.header import ReelHeader
+from splatreel.codec.mp4 import RATE
 from splatreel.codec.opus_sound import encode_sound, write_sound
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig

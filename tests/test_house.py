@@ -33,7 +33,7 @@ RUNGS = {name: rung for rung, names in enumerate(LADDER) for name in names} | {
 }
 WITH_TORCH = {
     "calibration/learned_matches.py",
-    "evaluation/lpips_weights.py",
+    "evaluation/perceptual.py",
     "method/images/flow.py",
     "method/layering/sam2.py",
     "play/timeline.py",

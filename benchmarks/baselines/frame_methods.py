@@ -13,7 +13,7 @@ from baselines.part_by_part import Frames
 from baselines.shared_start import SharedStart
 from splatreel.codec.group_file import encode_layer
 from splatreel.config import EncodeConfig
-from splatreel.method.encode.importance import group_importance, weigh
+from splatreel.method.encode.compression import group_importance, weigh
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians

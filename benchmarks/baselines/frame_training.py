@@ -12,13 +12,14 @@ from baselines.motion_field import MotionField
 from baselines.shared_start import SharedStart
 from splatreel.base.progress import Silent
 from splatreel.config import KeyframeConfig
-from splatreel.kernels import deform, rasterize, similarity
+from splatreel.kernels import deform, photometric, rasterize
 from splatreel.kernels.binning import bin_splats
 from splatreel.method.train.cpu_program import check_loss
 from splatreel.method.train.density import GROWTH_GRADIENT, GradientMeter, KeyframeDensity, select_growth
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
-from splatreel.method.train.losses import KEYFRAME, KEYFRAME_BEFORE_STATIC, LAMBDA_DSSIM
+from splatreel.method.train.losses import KEYFRAME, KEYFRAME_BEFORE_STATIC
 from splatreel.method.train.render import NO_CHANGE
+from splatreel.method.train.terms.photometric import LAMBDA_DSSIM
 from splatreel.method.train.trainable_points import NAMES, TrainablePoints, children, default_rates, to_params
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import Gaussians
@@ -161,7 +162,7 @@ def image_gradients(
     bins = bin_splats(seen.means2d, seen.conics, opacities, seen.depths, seen.radii, view.width, view.height)
     image, alpha = rasterize.forward(bins, colors)
     target = images.target(0, camera, image if background is None else image + background, gain)
-    compared = similarity.loss_and_gradient(image, target, LAMBDA_DSSIM, gain, background=background)
+    compared = photometric.loss_and_gradient(image, target, LAMBDA_DSSIM, gain, background=background)
     check_loss(compared.loss, (seen.means2d, seen.conics, colors, opacities))
     none = rasterize.no_gradient(alpha.shape)
     drawn = rasterize.backward(bins, colors, image, compared.d_image, alpha, none)

@@ -15,7 +15,7 @@ from splatreel.base.atomic import move
 from splatreel.base.errors import UsageError
 from splatreel.base.progress import Progress
 from splatreel.method.train.training_images import TrainingImages
-from splatreel.run import checkpoint
+from splatreel.run.store import load_arrays, load_json, pack, save_arrays, save_json, unpack
 from splatreel.scene.gaussians import Gaussians
 
 RECORD = "parts.json"
@@ -66,11 +66,11 @@ class Frames:
 
     def load(self, frame: int) -> Gaussians:
         """Return the points of a frame."""
-        return checkpoint.unpack(checkpoint.load_arrays(self._path(frame)))
+        return unpack(load_arrays(self._path(frame)))
 
     def save(self, frame: int, points: Gaussians) -> None:
         """Save the points of a frame."""
-        checkpoint.save_arrays(self._path(frame), checkpoint.pack(points))
+        save_arrays(self._path(frame), pack(points))
 
     def _path(self, frame: int) -> Path:
         return self.folder / f"{frame:06d}.safetensors"
@@ -109,7 +109,7 @@ def run_in_parts(
         )
     record, parts = out / RECORD, method.parts(start)
     frames = Frames(out / "frames", start.capture.frames)
-    spent = [Spent(**frame) for frame in checkpoint.load_json(record)] if record.exists() else []
+    spent = [Spent(**frame) for frame in load_json(record)] if record.exists() else []
     pace = start.keyframe_seconds / start.config.keyframe.first_iterations
     budget = Budget(seconds - start.shared_seconds, len(parts), pace, spent)
     if not (out / "reel" / "manifest.json").exists():
@@ -148,5 +148,5 @@ def _train_all(
         for frame, points in zip(part, trained, strict=True):
             points.check_finite(f"Frame {frame}")
             frames.save(frame, points)
-        checkpoint.save_json(record, [asdict(cost) for cost in budget.spent])
+        save_json(record, [asdict(cost) for cost in budget.spent])
         progress.update(number, iterations=iterations, points=len(points))

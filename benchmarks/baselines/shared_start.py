@@ -19,9 +19,8 @@ from splatreel.method.cameras.rig import Rig
 from splatreel.method.init.layout import Layout
 from splatreel.method.train.render import View
 from splatreel.method.train.training_images import TrainingImages
-from splatreel.run.run_history import read_history
-from splatreel.run.step_checkpoints import EXPOSURE, KEYFRAME, restored_rig
-from splatreel.run.steps import STEPS
+from splatreel.run.run_logs import read_history
+from splatreel.run.steps import EXPOSURE, KEYFRAME, STEPS, restored_rig
 from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import GroupSpan, group_spans

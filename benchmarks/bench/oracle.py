@@ -24,21 +24,20 @@ from splatreel.capture.base import Capture
 from splatreel.capture.reading import median_images, moving_pixels
 from splatreel.codec.group_file import decode_layer, encode_layer
 from splatreel.config import Config
-from splatreel.config.records import complete_settings
-from splatreel.evaluation.evaluate import check_same_capture, check_unseen
+from splatreel.config.settings import complete_settings
+from splatreel.evaluation.evaluate import ImageComparison, Quality, check_same_capture, check_unseen
 from splatreel.evaluation.perceptual import Lpips, load_lpips
-from splatreel.evaluation.quality import ImageComparison, Quality
 from splatreel.evaluation.report import write_text
 from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels.image import render_image
-from splatreel.method.encode.importance import weigh
+from splatreel.method.encode.compression import weigh
 from splatreel.method.init.layout import Layout
 from splatreel.method.train.single_frame import reconstruct_single_frame
 from splatreel.play.timeline import Timeline, open_reel
-from splatreel.run import checkpoint
 from splatreel.run.device_choice import pick_gpu
 from splatreel.run.requirements import check_capture
-from splatreel.run.run_record import differences
+from splatreel.run.run_folder import differences
+from splatreel.run.store import load_json, save_json
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -225,7 +224,7 @@ class OracleFrames:
         self.frames: dict[int, SingleFrame] = self._load() if path.exists() else {}
 
     def _load(self) -> dict[int, SingleFrame]:
-        found = checkpoint.load_json(self.path)
+        found = load_json(self.path)
         theirs: dict[str, Any] = found if isinstance(found, dict) else {}
         settings = complete_settings(theirs.get("config"))
         theirs = theirs | {"config": {name: settings.get(name) for name in DECIDING}}
@@ -248,4 +247,4 @@ class OracleFrames:
     def save(self, reel: dict[str, Any] | None) -> None:
         """Write the file with the results of the reel, if any."""
         frames = [dataclasses.asdict(self.frames[number]) for number in sorted(self.frames)]
-        checkpoint.save_json(self.path, self.record | {"frames": frames, "reel": reel})
+        save_json(self.path, self.record | {"frames": frames, "reel": reel})

@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from splatreel.evaluation.quality import Quality
+from splatreel.evaluation.evaluate import Quality
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,18 @@ from splatreel.base.errors import UsageError
 from splatreel.base.progress import Progress, Silent
 from splatreel.base.untrusted import JSON_BYTES, parse_json, read_file
 from splatreel.capture.base import Capture
+from splatreel.codec.inspection import MOTION, reel_info
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.reel_sizes import MOTION, reel_info
 from splatreel.config import COARSENESS, EncodeConfig
-from splatreel.evaluation.evaluate import check_same_capture, check_unseen, choose_cameras, choose_frames, read_frames
+from splatreel.evaluation.evaluate import (
+    check_same_capture,
+    check_unseen,
+    choose_cameras,
+    choose_frames,
+    read_frames,
+    uncompressed_frames,
+)
 from splatreel.evaluation.metrics import psnr
-from splatreel.evaluation.uncompressed import uncompressed_frames
 from splatreel.play.timeline import Timeline
 from splatreel.run.output.reencode import reencode
 from splatreel.scene.gaussians import Gaussians

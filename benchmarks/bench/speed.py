@@ -21,17 +21,17 @@ from splatreel.kernels import splat
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.tracking.tracking import GroupStart
-from splatreel.method.train.cpu_group import CpuGroupProgram
+from splatreel.method.train.cpu_program import CpuGroupProgram
 from splatreel.method.train.density import MEASURE_EVERY
 from splatreel.method.train.group_trainer import GroupTrainer
 from splatreel.method.train.stages import group_trainer
 from splatreel.run.device_choice import pick_gpu
 from splatreel.run.machine_speed import on_one_thread
 from splatreel.run.pipeline import Result, reconstruct
-from splatreel.run.step_checkpoints import restored_rig
+from splatreel.run.steps import restored_rig
 from splatreel.run.store import Store
+from splatreel.scene.gaussians import StaticPoints
 from splatreel.scene.group import GroupSpan
-from splatreel.scene.static_points import StaticPoints
 
 BATCH = 8
 """Iterations timed together. Each uses another camera and frame."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from bench.timing import Timing, medians_ms, ratio
 from splatreel.base import threads
-from splatreel.kernels import deform, layered, rasterize, similarity
+from splatreel.kernels import deform, photometric, rasterize
 from splatreel.kernels.binning import bin_splats
 from splatreel.method.train.render import NO_CHANGE, StaticCache, View
 from splatreel.method.train.trainable_points import to_params
@@ -63,10 +63,10 @@ def _step(gaussians: Gaussians, view: View, still: StaticCache | None = None) ->
         shapes = seen.means2d, seen.conics, opacities, seen.depths, seen.radii
         bins = bin_splats(*shapes, view.width, view.height)
         if static is not None and divided:
-            found = layered.loss_and_gradient(bins, seen.colors, static, target, 0.2, None, None)[1]
+            found = photometric.loss_and_gradient_among(bins, seen.colors, static, target, 0.2, None, None)[1]
         else:
             image, alpha = rasterize.forward(bins, seen.colors, static)
-            d_image = similarity.loss_and_gradient(image, target, 0.2).d_image
+            d_image = photometric.loss_and_gradient(image, target, 0.2).d_image
             nothing = rasterize.no_gradient(alpha.shape)
             found = rasterize.backward(bins, seen.colors, image, d_image, alpha, nothing, static)
         deform.backward(points, seen, view.center, pinhole, found.means2d, found.conics, found.colors, found.opacities)

@@ -17,14 +17,13 @@ from baselines.temporal_slices import TemporalSlices
 from splatreel.base.errors import UsageError
 from splatreel.base.progress import Progress, format_rounded
 from splatreel.capture.base import Capture
-from splatreel.codec.reel_sizes import reel_info
+from splatreel.codec.inspection import reel_info
 from splatreel.config import Config
 from splatreel.config.settings import changed
-from splatreel.evaluation.evaluate import evaluate
+from splatreel.evaluation.evaluate import evaluate, uncompressed_frames
 from splatreel.evaluation.report import Report
-from splatreel.evaluation.uncompressed import uncompressed_frames
-from splatreel.run.gpu_speed import measure_run_speed
-from splatreel.run.machines.estimate import estimate
+from splatreel.run.estimate import estimate
+from splatreel.run.machine_speed import measure_run_speed
 from splatreel.run.machines.local_processes import division_of
 from splatreel.run.pipeline import plan_run, reconstruct
 

@@ -15,7 +15,7 @@ import numpy as np
 from bench.rate_distortion import PRINTED, RatePoint, Sweep
 from splatreel.codec.reader import ReelReader
 from splatreel.config import EncodeConfig
-from splatreel.evaluation.uncompressed import UncompressedReel
+from splatreel.evaluation.evaluate import UncompressedReel
 from splatreel.run.output.group_writer import open_writer
 from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians

@@ -23,9 +23,7 @@ from run import FLAGS, STATIC, chromium
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from record import record
-from splatreel.codec.file_entry import FileEntry
-from splatreel.codec.manifest import Manifest
-from splatreel.codec.manifest_pages import PAGE, make_page
+from splatreel.codec.manifest import PAGE, FileEntry, Manifest, make_page
 from splatreel.codec.reader import ReelReader
 
 NEAR, FAR = 12, 7 * PAGE

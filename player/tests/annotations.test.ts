@@ -1,7 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { placeOfPoint } from "../packages/element/src/camera/place-of-point";
-import { parsePoint, parseTime } from "../packages/element/src/ui/annotations";
+import { parsePoint, parseTime, placeOfPoint } from "../packages/element/src/ui/annotations";
 
 const view = {
   viewmat: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1],

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { ContextPool, type ContextHolder } from "../packages/element/src/element/context-pool";
+import { type ContextHolder, ContextPool } from "../packages/element/src/element/visibility";
 
 class Player implements ContextHolder {
   idle = false;

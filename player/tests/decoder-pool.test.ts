@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 import { PLAIN } from "../packages/decoder/src/base/errors";
 import type { DecodeReply } from "../packages/decoder/src/decode/decode-worker";
-import { DecoderPool, EARLY } from "../packages/decoder/src/stream/decoder-pool";
+import { BandwidthMeter, DecoderPool, EARLY } from "../packages/decoder/src/stream/decoder-pool";
 import { decodeWorkers } from "../packages/renderer/src/files/bundle";
 import { FakeTime } from "./fakes/time";
 import { FakeWorker, FILE } from "./fakes/workers";
@@ -151,7 +151,7 @@ test("received bytes count over the time of their transfer", () => {
     [pool.received("a"), pool.meter.rate, log],
     [1000, 8000, ["a received", "a received", "a received"]],
   );
-  time.now += 60_000; // decoding is no fault of the network
+  time.now += 60_000; // decoding is not a fault of the network
   say("a", { file: FILE, milliseconds: 1 });
   start("b");
   time.now += 1000;
@@ -309,4 +309,53 @@ test("the page prepares the request of a private file, and the worker sends it",
   assert.deepEqual(log.slice(1, 3), ["a done", "free"]);
   assert.match(log[3], /^c failed .*c cannot be requested: no token/);
   assert.deepEqual([pool.keys, pool.free], [[], true]);
+});
+
+const near = (value: number, expected: number): void =>
+  assert.ok(Math.abs(value / expected - 1) < 0.01, `${value} is not ${expected}`);
+
+test("the rate is 0 before the first transfer", () => assert.equal(new BandwidthMeter().rate, 0));
+
+test("concurrent transfers share the bandwidth", () => {
+  const meter = new BandwidthMeter();
+  meter.begin(0);
+  meter.begin(0);
+  for (let now = 100; now <= 1000; now += 100) {
+    meter.addBytes(25_000, now);
+    meter.addBytes(25_000, now);
+  }
+  near(meter.rate, 4e6);
+});
+
+test("idle time does not count; waiting for the first byte does", () => {
+  const meter = new BandwidthMeter();
+  meter.begin(0);
+  meter.addBytes(50_000, 400);
+  meter.end(400);
+  meter.begin(5000);
+  meter.addBytes(50_000, 5400);
+  near(meter.rate, 1e6);
+});
+
+test("old transfers are forgotten", () => {
+  const meter = new BandwidthMeter();
+  meter.begin(0);
+  let now = 0;
+  for (let i = 0; i < 20; i++) meter.addBytes(125_000, (now += 1000));
+  near(meter.rate, 1e6);
+  for (let i = 0; i < 5; i++) meter.addBytes(125_000, (now += 100));
+  near(meter.rate, 1e7);
+});
+
+test("the estimate rises while the line is idle", () => {
+  const meter = new BandwidthMeter();
+  meter.begin(0);
+  meter.addBytes(125_000, 1000);
+  meter.end(1000);
+  near(meter.optimisticRate(1000), 1e6);
+  near(meter.optimisticRate(11_000), 4e6);
+  meter.begin(20_000);
+  assert.equal(meter.optimisticRate(21_000), meter.rate);
+  meter.addBytes(125_000, 20_100);
+  near(meter.rate, 1e7);
 });

@@ -18,6 +18,7 @@ import type { Manifest } from "../packages/decoder/src/reel/manifest";
 import type { CooperativeGestures } from "../packages/element/src/ui/cooperative-gestures";
 import { attachKeys, type Actions } from "../packages/element/src/ui/keys";
 import { attachPointerControls } from "../packages/element/src/ui/pointer-controls";
+import { manifestOf } from "./fakes/scene";
 
 class Key extends EventTarget {
   readonly isContentEditable = false;
@@ -44,19 +45,7 @@ function cameraAt(degrees: number, height: number, roll = 0, up = UP): object {
   };
 }
 
-function reel(cameras: object[], limits: object | null = null, up = UP): Manifest {
-  return {
-    camera: cameras[0],
-    cameras,
-    near: 0.1,
-    up,
-    bounds: [
-      [-1, -1, -1],
-      [1, 1, 1],
-    ],
-    presentation: { limits },
-  } as unknown as Manifest;
-}
+const reel = (cameras: Camera[], limits: object | null = null, up = UP): Manifest => manifestOf(limits, cameras, up);
 
 /** Degrees by which the horizon is off level: of the right axis, which lies in it. */
 function rollOf({ viewmat: m }: OrbitCamera, up: Vec3): number {
@@ -174,24 +163,7 @@ class Hands {
     } else if (kind === 3) {
       for (let i = 0; i < 4; i++) this.send(this.surface, "wheel", { deltaY: between(-200, 200), deltaMode: 0 });
     } else if (kind === 4) {
-      const keys = [
-        "w",
-        "a",
-        "s",
-        "d",
-        "q",
-        "e",
-        "+",
-        "-",
-        "[",
-        "]",
-        "c",
-        "r",
-        "ArrowUp",
-        "ArrowDown",
-        "ArrowLeft",
-        "ArrowRight",
-      ];
+      const keys = "w a s d q e + - [ ] c r ArrowUp ArrowDown ArrowLeft ArrowRight".split(" ");
       const key = keys[Math.floor(random() * keys.length)];
       this.send(this.keyboard, "keydown", { key, code: key, shiftKey: true });
       this.frames(Math.floor(between(1, 30)));

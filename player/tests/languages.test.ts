@@ -17,7 +17,7 @@ for (const language of languages)
       .default,
   );
 
-/** Literals that are no texts: names of keys and events of the browser, and messages to authors of pages. */
+/** Literals that are not texts: names of keys and events of the browser, and messages to authors of pages. */
 const OTHERS =
   /^(Arrow\w*|Promise|Home|End|Escape|Tab|Enter|PageUp|PageDown|Esc|Space K|Home End|Shift .*|Files|Not\w+Error|AbortError|Ctrl|Mac.*|Event|Element|Segoe UI|Roboto|[A-Z]( [A-Z])*)$/;
 

@@ -4,6 +4,7 @@ import { cross, dot, eyeOf, length, normalize, subtract, type Vec3 } from "../pa
 import { Limits } from "../packages/element/src/camera/limits";
 import { OrbitCamera } from "../packages/element/src/camera/orbit-camera";
 import type { Manifest } from "../packages/decoder/src/reel/manifest";
+import { manifestOf } from "./fakes/scene";
 
 /** Cameras 4 from the origin, before it and to the left and right by 20 degrees; up is -y. */
 const lookAt = (eye: Vec3): number[] => {
@@ -25,17 +26,7 @@ const camera = (eye: Vec3) => ({
 });
 const given = { focus: [0, 0, 0], angle: 15, distance: [1, 8], floor: -0.5 };
 const manifest = (limits: object | null): Manifest =>
-  ({
-    camera: camera(place(0)),
-    cameras: [-20, 0, 20].map((a) => camera(place(a))),
-    near: 0.1,
-    up: [0, -1, 0],
-    bounds: [
-      [-1, -1, -1],
-      [1, 1, 1],
-    ],
-    presentation: { limits },
-  }) as unknown as Manifest;
+  manifestOf(limits, [camera(place(0)), ...[-20, 20].map((a) => camera(place(a)))]);
 const sideOf = ([x, , z]: Vec3): number => (Math.atan2(x, -z) * 180) / Math.PI;
 const settle = (camera: OrbitCamera): Vec3 => {
   for (let i = 0; i < 600 && camera.step(1 / 60); i++);

@@ -11,28 +11,12 @@ import {
   parseTarget,
 } from "../packages/element/src/camera/orbit-declaration";
 import type { CameraState } from "../packages/element/src/camera/pose";
-import type { Manifest } from "../packages/decoder/src/reel/manifest";
+import { close, MANIFEST } from "./fakes/scene";
 
-/** The camera looks along z from 4 units before the origin; y is down. */
-const viewmat = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1];
-const home = { name: "start", width: 160, height: 120, K: [120, 0, 80, 0, 120, 60, 0, 0, 1], viewmat };
-const manifest = {
-  camera: home,
-  cameras: [home],
-  near: 0.1,
-  up: [0, -1, 0],
-  bounds: [
-    [-1, -1, -1],
-    [1, 1, 1],
-  ],
-  presentation: { limits: null },
-} as unknown as Manifest;
 const AUTO = parseOrbit("auto auto auto");
 
-const close = (a: readonly number[], b: readonly number[]): void =>
-  a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-6, `${a} is not ${b}`));
 const frame = (target: Vec3 | null = null): OrbitFrame =>
-  new OrbitFrame(manifest, new OrbitCamera(manifest).ownState, target);
+  new OrbitFrame(MANIFEST, new OrbitCamera(MANIFEST).ownState, target);
 const eyeAt = (orbit: string): Vec3 => frame().stateOf(parseOrbit(orbit)).eye;
 
 test("values are parsed with their units", () => {
@@ -53,8 +37,8 @@ test("wrong values are refused with the value and the remedy", () => {
     [parseOrbit, "45deg 80deg -2m", /"-2m" is not a distance/],
     [parseTarget, "1 2", /"1 2" is not a position/],
     [parseTarget, "1 2 x", /"1 2 x" is not a position/],
-    [parseFieldOfView, "0deg", /"0deg" is no field of view/],
-    [parseFieldOfView, "200deg", /"200deg" is no field of view/],
+    [parseFieldOfView, "0deg", /"0deg" is not a field of view/],
+    [parseFieldOfView, "200deg", /"200deg" is not a field of view/],
   ] as const)
     assert.throws(() => parse(text), words);
 });
@@ -84,7 +68,7 @@ test("the horizon of any orbit is level, and its pivot is the target", () => {
 });
 
 test("bounds hold turns and zooms, also across half a turn", () => {
-  const camera = new OrbitCamera(manifest);
+  const camera = new OrbitCamera(MANIFEST);
   camera.bounds = frame().boundsOf(parseOrbit("-30deg 60deg 2"), parseOrbit("30deg 100deg 6"));
   const azimuth = (): number => (180 / Math.PI) * Math.atan2(eyeOf(camera.viewmat)[0], -eyeOf(camera.viewmat)[2]);
   camera.orbit(-2, 0);
@@ -111,7 +95,7 @@ test("bounds hold turns and zooms, also across half a turn", () => {
 
 test("a declared start is the view of the start and of a reset, unless people have moved the camera", () => {
   const state: CameraState = frame().stateOf(parseOrbit("40deg 80deg 3"));
-  const camera = new OrbitCamera(manifest, undefined, true);
+  const camera = new OrbitCamera(MANIFEST, undefined, true);
   camera.startAt(state);
   close(camera.state.eye, state.eye);
   camera.orbit(0.5, 0);
@@ -124,7 +108,7 @@ test("a declared start is the view of the start and of a reset, unless people ha
 });
 
 test("a declared field of view is that of any canvas", () => {
-  const camera = new OrbitCamera(manifest);
+  const camera = new OrbitCamera(MANIFEST);
   camera.fieldOfView = Math.PI / 2;
   for (const [width, height] of [
     [160, 120],
@@ -135,7 +119,7 @@ test("a declared field of view is that of any canvas", () => {
 });
 
 test("the camera rotates after a rest, and turns back at its bounds", () => {
-  const camera = new OrbitCamera(manifest);
+  const camera = new OrbitCamera(MANIFEST);
   camera.bounds = frame().boundsOf(parseOrbit("-30deg auto auto"), parseOrbit("30deg auto auto"));
   camera.rotate({ speed: 0.5, delay: 1 });
   const seen: number[] = [];
@@ -151,7 +135,7 @@ test("the camera rotates after a rest, and turns back at its bounds", () => {
   const still = camera.viewmat;
   camera.step(0.1);
   close(eyeOf(camera.viewmat), eyeOf(still));
-  const calm = new OrbitCamera(manifest, undefined, true);
+  const calm = new OrbitCamera(MANIFEST, undefined, true);
   calm.rotate({ speed: 0.5, delay: 0 });
   calm.step(1);
   close(calm.viewmat, viewmatOf([0, 0, -4], [1, 0, 0], [0, 1, 0], [0, 0, 1]));

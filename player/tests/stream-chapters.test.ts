@@ -145,7 +145,7 @@ test("a prefetched page may fail, a needed page may not", async () => {
   );
 });
 
-test("a file dropped by a live reel is no failure once the manifest lacks it", async () => {
+test("a file dropped by a live reel is not a failure once the manifest lacks it", async () => {
   const plan: Plan = { groups: 30, live: true, first: 10 };
   for (const [first, failures] of [
     [12, 0],

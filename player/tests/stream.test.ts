@@ -3,6 +3,7 @@ import { beforeEach, test } from "node:test";
 import { memoryBudget } from "../packages/decoder/src/stream/file-cache";
 import { device } from "./fakes/page";
 import { time, World } from "./fakes/stream";
+import { LoadProgress } from "../packages/decoder/src/stream/stream";
 
 beforeEach(() => {
   time.now += 1_000_000;
@@ -206,7 +207,7 @@ test("the stream ends with one error if a visible file fails", async () => {
   }
 });
 
-test("a reel that was replaced is no failure", async () => {
+test("a reel that was replaced is not a failure", async () => {
   const world = new World();
   world.want({});
   world.outdated = () => Promise.resolve(true);
@@ -358,4 +359,31 @@ test("memory for groups grows with the device's memory, within bounds", () => {
     device.deviceMemory = gigabytes;
     assert.equal(memoryBudget(), mebibytes * 2 ** 20);
   }
+});
+
+const here: Record<string, number> = { layer: 0, group: 0 };
+const measure = (key: string): { bytes: number; here: number } => ({ bytes: 100, here: here[key] });
+
+test("bytes received during a wait count until nothing is missing", () => {
+  const awaited = new LoadProgress();
+  assert.equal(awaited.progress(measure), 1);
+  awaited.expect(["layer", "group"], ["layer", "group"]);
+  assert.equal(awaited.progress(measure), 0);
+  here.layer = 100;
+  awaited.expect(["layer", "group"], ["group"]);
+  here.group = 50;
+  assert.equal(awaited.progress(measure), 0.75);
+  here.group = 120; // it began anew
+  assert.equal(awaited.progress(measure), 1);
+  awaited.expect(["layer", "group"], []);
+  assert.equal(awaited.progress(measure), 1);
+});
+
+test("progress of another wait begins at 0", () => {
+  const awaited = new LoadProgress();
+  awaited.expect(["layer", "group"], ["group"]);
+  here.group = 0;
+  assert.equal(awaited.progress(measure), 0, "the layer was there before");
+  awaited.expect(["layer"], []);
+  assert.equal(awaited.progress(measure), 1);
 });

@@ -2,29 +2,11 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { dot, length, subtract, type Vec3 } from "../packages/decoder/src/base/matrix";
 import type { Camera, Manifest } from "../packages/decoder/src/reel/manifest";
-import { STILL, type Motion } from "../packages/element/src/camera/motion";
+import { type Motion, STILL } from "../packages/element/src/camera/motion";
 import { OrbitCamera } from "../packages/element/src/camera/orbit-camera";
-import { Walker } from "../packages/element/src/camera/walker";
+import { Walker } from "../packages/element/src/ui/walk-mode";
+import { MANIFEST, manifestOf } from "./fakes/scene";
 
-/** Cameras four units from the middle, y down, looking along z. The scene is two units wide, so that a unit is half a meter. */
-const CAMERA: Camera = {
-  name: "",
-  width: 160,
-  height: 120,
-  K: [120, 0, 80, 0, 120, 60, 0, 0, 1],
-  viewmat: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1],
-};
-const MANIFEST = {
-  bounds: [
-    [-1, -1, -1],
-    [1, 1, 1],
-  ],
-  up: [0, -1, 0],
-  camera: CAMERA,
-  cameras: [CAMERA],
-  near: 0.1,
-  presentation: { limits: null },
-} as unknown as Manifest;
 const UP: Vec3 = [0, -1, 0];
 
 function walk(limits: object | null = null): {
@@ -32,7 +14,7 @@ function walk(limits: object | null = null): {
   walker: Walker;
   pass(seconds: number, keys?: Partial<Motion>): boolean;
 } {
-  const manifest = { ...MANIFEST, presentation: { limits } } as unknown as Manifest;
+  const manifest = manifestOf(limits);
   const camera = new OrbitCamera(manifest);
   const walker = (camera.driver = new Walker(manifest, false));
   const pass = (seconds: number, keys: Partial<Motion> = {}): boolean => {

@@ -3,8 +3,8 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
 import { deflateRawSync } from "node:zlib";
-import { openDropped, openFiles } from "../packages/element/src/files/open-files";
-import { filesOfZip } from "../packages/element/src/files/zip";
+import { ReelError } from "../packages/decoder/src/base/errors";
+import { filesOfZip, openDropped, openFiles } from "../packages/element/src/files/open-files";
 
 interface Packed {
   name: string;
@@ -107,7 +107,7 @@ test("a truncated, damaged, encrypted or unsupported zip is rejected with the re
   for (const [bytes, message] of cases) await assert.rejects(openFiles([file(bytes)]), { name: "ReelError", message });
 });
 
-test("a file that is no reel is named by its kind", async () => {
+test("a file that is not a reel is named by its kind", async () => {
   const cases: [File[], RegExp][] = [
     [[file(text("ply"), "scene.ply")], /That is not a reel: scene\.ply is a single static scene.*Give the folder/],
     [[file(text("mp4"), "film.MP4")], /film\.MP4 is an ordinary video/],
@@ -163,4 +163,101 @@ test("the reel in a dropped folder is found, also in a nested one", async () => 
   await assert.rejects(openDropped({ entries: [folder("empty", { "a.txt": "a" })], files: [] }), {
     message: /empty holds no manifest\.json/,
   });
+});
+
+// Damaged at random, the same in every run: each gives its files, or an error in words.
+let state = 7;
+const random = (below: number): number => {
+  state = (Math.imul(state, 1664525) + 1013904223) >>> 0;
+  return Math.floor((state / 2 ** 32) * below);
+};
+const GOOD = zip([
+  { name: "manifest.json", bytes: text("{}") },
+  { name: "groups/0.bin", bytes: Buffer.alloc(500, "group") },
+  { name: "layers/0.bin", bytes: Buffer.from([...Array(200).keys()]) },
+]);
+
+/** Change bytes, most of them in the directory and at the end; cut off; or put bytes between. */
+function damaged(): Buffer {
+  const act = random(8);
+  if (act === 0) return GOOD.subarray(0, random(GOOD.length));
+  if (act === 1)
+    return Buffer.concat([
+      GOOD.subarray(0, random(GOOD.length)),
+      Buffer.alloc(1 + random(40), random(256)),
+      GOOD.subarray(random(GOOD.length)),
+    ]);
+  const bytes = Buffer.from(GOOD);
+  const first = act < 5 ? GOOD.indexOf("PK\x01\x02", 0, "latin1") : 0;
+  for (let times = 1 + random(4); times > 0; times--)
+    bytes[first + random(GOOD.length - first)] = [0, 1, 255, random(256)][random(4)];
+  return bytes;
+}
+
+test("a damaged zip yields files within its bounds, or a ReelError that names it", async () => {
+  let [read, refused] = [0, 0];
+  for (let i = 0; i < 1000; i++) {
+    const bytes = damaged();
+    try {
+      const files = await filesOfZip(new File([bytes as BlobPart], "a.zip"), "a.zip");
+      for (const get of files.values()) {
+        const { blob } = await get();
+        assert.ok(blob.size <= bytes.length);
+      }
+      read++;
+    } catch (error) {
+      assert.ok(
+        error instanceof ReelError,
+        `${error instanceof Error ? error.stack : String(error)}\n${bytes.toString("base64")}`,
+      );
+      assert.match(error.message, /a\.zip/);
+      refused++;
+    }
+  }
+  assert.ok(read > 30 && refused > 200, `${read} read, ${refused} refused`);
+});
+
+// Names that point out of a zip: no file outside of the reel's folder is part of the reel.
+/** A zip of files that are stored as they are, under any name. */
+const stored = (files: [string, string][]): File =>
+  file(zip(files.map(([name, words]) => ({ name, bytes: text(words), method: 0 }))), "reel.zip");
+const sizeOf = async (files: [string, string][], uri: string): Promise<number> =>
+  (await openFiles([stored(files)])).part(uri).blob.size;
+
+test("names that point out of the zip are ignored", async () => {
+  const files: [string, string][] = [
+    ["reel/manifest.json", "{}"],
+    ["reel/groups/0000.safetensors", "inside"],
+    ["groups/0001.safetensors", "outside"],
+    ["../groups/0001.safetensors", "outside"],
+    ["/groups/0001.safetensors", "outside"],
+    ["C:\\groups\\0001.safetensors", "outside"],
+    ["other/groups/0001.safetensors", "outside"],
+  ];
+  assert.equal(await sizeOf(files, "groups/0000.safetensors"), 6);
+  assert.equal(await sizeOf(files, "groups/0001.safetensors"), 0);
+  assert.equal(await sizeOf(files, "../groups/0001.safetensors"), 0);
+});
+
+test("a manifest outside of the zip adds no files from beside it", async () => {
+  const reel = await openFiles([
+    stored([
+      ["../../manifest.json", "{}"],
+      ["../../a.bin", "beside"],
+      ["a.bin", "within"],
+    ]),
+  ]);
+  assert.equal(await reel.manifest(), "{}");
+  assert.equal(await reel.part("a.bin").blob.text(), "beside");
+  assert.equal(reel.part("../../a.bin").blob.size, 0);
+});
+
+test("names of JavaScript's own properties are ordinary names", async () => {
+  const files: [string, string][] = [
+    ["manifest.json", "{}"],
+    ["__proto__/a.bin", "mine"],
+    ["constructor", "mine"],
+  ];
+  assert.equal(await sizeOf(files, "__proto__/a.bin"), 4);
+  assert.equal(await sizeOf(files, "toString"), 0);
 });

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from splatreel.base.errors import CancelledError, SplatreelError
     from splatreel.capture.array_capture import capture_from_arrays
     from splatreel.capture.opening import open_capture
-    from splatreel.codec.verification import verify_reel
+    from splatreel.codec.inspection import verify_reel
     from splatreel.config import Config, preset
     from splatreel.formats.ply import read_ply, write_ply
     from splatreel.play.player_page import copy_player
@@ -56,13 +56,12 @@ _HOMES = {
     "read_ply": "splatreel.formats.ply",
     "reconstruct": "splatreel.api",
     "render": "splatreel.api",
-    "verify_reel": "splatreel.codec.verification",
+    "verify_reel": "splatreel.codec.inspection",
     "write_ply": "splatreel.formats.ply",
 }
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name on first use. Idle threads of OpenMP libraries that are imported later sleep."""
     if name not in _HOMES:
         raise AttributeError(f"module 'splatreel' has no attribute {name!r}")
     from splatreel.base.process import quiet_threads
@@ -72,5 +71,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """List the public names, also before they are imported, and those of the module itself."""
     return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

@@ -21,9 +21,8 @@ from splatreel.base.errors import GaussiansError, UsageError
 from splatreel.base.progress import Progress
 from splatreel.capture.array_capture import check_rig, image_array, point_arrays
 from splatreel.config import Config, Quality, preset
-from splatreel.scene.camera import Camera
+from splatreel.scene.camera import Camera, project
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.projection import project
 
 if TYPE_CHECKING:
     from splatreel.method.train.group_trainer import GroupTrainer
@@ -143,7 +142,7 @@ def group_trainer(
         from splatreel.method.train.terms.custom import with_functions
         from splatreel.method.train.training_images import TrainingImages
         from splatreel.run.device_choice import pick_gpu
-        from splatreel.scene.static_points import StaticPoints
+        from splatreel.scene.gaussians import StaticPoints
 
         settings = (preset(config) if isinstance(config, str) else config).for_video(len(array))
         gpu, _ = pick_gpu(device)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from bench.oracle_report import OracleReport, Score, SingleFrame
-from splatreel.evaluation.quality import Quality
+from splatreel.evaluation.evaluate import Quality
 
 FOLDER = Path(__file__).parent.parent.parent / "benchmarks"
 FRAMES = [

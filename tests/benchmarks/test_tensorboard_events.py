@@ -9,7 +9,7 @@ pytest.importorskip("tensorboardX")
 import tensorboard_events
 from splatreel.base.progress import Silent
 from splatreel.codec.reader import ReelReader
-from splatreel.run.run_history import RecordedProgress
+from splatreel.run.run_logs import RecordedProgress
 from tensorboard_events import STEPS_PER_GROUP, EventWriter
 from tests.evaluation import scenes
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from splatreel.cli.main import main
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.run.pipeline import reconstruct
-from splatreel.run.run_lock import lock_reel
+from splatreel.run.run_folder import lock_reel
 from tests.method.captures import WallCapture
 from tests.method.small import small
 

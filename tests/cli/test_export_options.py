@@ -10,9 +10,8 @@ import pytest
 
 from splatreel.cli.main import main
 from splatreel.formats.ply import read_columns, read_ply
-from splatreel.formats.reader_limits import PROGRAMS, FrameKind, ProgramName
-from splatreel.formats.registry import FRAME_FORMATS, is_antialiased, read_splats
-from splatreel.formats.remarks import Remarks
+from splatreel.formats.registry import FRAME_FORMATS, PROGRAMS, FrameKind, ProgramName, is_antialiased, read_splats
+from splatreel.formats.splat_columns import Remarks
 from splatreel.play.gaussian_export import GaussianExport
 from splatreel.play.timeline import Timeline, open_reel
 from splatreel.scene.volumes import Sphere

@@ -13,8 +13,8 @@ import pytest
 from splatreel.base.errors import ReelError
 from splatreel.base.ply_table import read_comments
 from splatreel.cli.main import main
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.formats.ply import write_ply
 from splatreel.importing.reel import SequenceEncoder
 from tests.importing.films import BALL, WALL, cameras, frame, write_film

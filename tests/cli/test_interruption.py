@@ -14,8 +14,8 @@ import pytest
 from splatreel.cli import main as cli
 from splatreel.cli.failure import Terminated, termination
 from splatreel.cli.main import main
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from tests.capture import folders
 from tests.method.captures import WallCapture
 

@@ -71,8 +71,8 @@ def test_settings() -> None:
         (["evaluate", "reel", "x", "--out", "y", "--max-memory", "0"], "--max-memory 0: give megabytes, 1 or more"),
         (["verify", "reel", "--max-memory", "0"], "--max-memory 0: give megabytes, 1 or more"),
         (
-            ["reconstruct", "x", "--out", "y", "--set", "layering.lambda_nn=0.7"],
-            "--set layering.lambda_nn has no effect with layering.lift=vote. It needs layering.lift=optimize. Change the other "
+            ["reconstruct", "x", "--out", "y", "--set", "layering.relighting=false", "--set", "layering.enabled=false"],
+            "--set layering.relighting has no effect with layering.enabled=false. It needs layering.enabled=true. Change the other "
             "setting too, or leave this one out.",
         ),
         (
@@ -99,8 +99,8 @@ def test_contradicting_options_are_refused_before_work_starts(
 
 
 def test_a_run_that_began_with_a_setting_without_effect_continues() -> None:
-    options = ConfigOptions(settings=("layering.lambda_nn=0.7",))
-    assert options.config(is_begun=True).layering.lambda_nn == 0.7
+    options = ConfigOptions(settings=("layering.relighting=false", "layering.enabled=false"))
+    assert not options.config(is_begun=True).layering.relighting
     with pytest.raises(UsageError, match="has no effect"):
         options.config()
 

@@ -13,11 +13,11 @@ from splatreel import config
 from splatreel.base.errors import StorageError
 from splatreel.cli.main import main
 from splatreel.codec import publish
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.publish import AT_ONCE
-from splatreel.codec.verification import verify_reel
 from splatreel.storage import address as addresses
 from splatreel.storage.address import Address
-from splatreel.storage.bucket import Bucket as Transport
+from splatreel.storage.transport import Bucket as Transport
 from splatreel.storage.transport import Disk
 from tests.buckets import BreakingLine, Bucket, Faults, web_server
 from tests.capture import folders
@@ -87,7 +87,7 @@ def test_broken_connection_is_retried(monkeypatch, tmp_path: Path, capsys: pytes
 KILLED = """
 import itertools, os, signal, sys
 from splatreel.cli.main import main
-from splatreel.storage.bucket import Bucket as Transport
+from splatreel.storage.transport import Bucket as Transport
 
 write, number, last = Transport.write, itertools.count(), int(sys.argv[1])
 

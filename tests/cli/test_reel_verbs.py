@@ -12,7 +12,7 @@ import pytest
 
 from splatreel.cli.main import main
 from splatreel.play.timeline import open_reel
-from splatreel.scene.turning import turn_upright, turned
+from splatreel.scene.gaussians import turn_upright, turned
 from tests.formats.test_glb import read_glb
 from tests.golden import PREDICTIVE
 

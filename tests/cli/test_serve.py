@@ -1,5 +1,7 @@
 """`splatreel serve` as a process of its own: answers, and ends well with Ctrl-C."""
 
+from __future__ import annotations
+
 import json
 import re
 import signal
@@ -12,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from splatreel.cli.main import main
+from splatreel.cli.serve import has_browser, open_browser
 from splatreel.play.server import Server
 
 GOLDEN = Path(__file__).parent.parent / "data" / "golden"
@@ -100,7 +103,7 @@ def test_view_plays_the_sample(monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
         with urllib.request.urlopen(f"{server.url}reel/manifest.json", timeout=60) as answer:
             served.append(answer.read().decode())
 
-    monkeypatch.setattr("splatreel.play.sample_reel.SAMPLE", GOLDEN)
+    monkeypatch.setattr("splatreel.play.demo_page.SAMPLE", GOLDEN)
     monkeypatch.setattr(Server, "wait", read)
     assert main(["view", "--sample", "--no-open"]) == 0
     assert served == [(GOLDEN / "manifest.json").read_text()]
@@ -112,6 +115,43 @@ def test_view_plays_the_sample(monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
 def test_view_of_a_sample_that_is_not_installed(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("splatreel.play.sample_reel.SAMPLE", tmp_path)
+    monkeypatch.setattr("splatreel.play.demo_page.SAMPLE", tmp_path)
     assert main(["view", "--sample"]) == 1
     assert "has no sample reel. `splatreel demo --out OUT` makes such a reel" in capsys.readouterr().err
+
+
+WINDOWS = ("BROWSER", "DISPLAY", "WAYLAND_DISPLAY", "WSL_DISTRO_NAME")
+
+
+@pytest.fixture(autouse=True)
+def linux(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr("webbrowser.get", lambda: None)
+    for name in WINDOWS:
+        monkeypatch.delenv(name, raising=False)
+
+
+@pytest.mark.parametrize("name", WINDOWS)
+def test_a_window_or_a_chosen_browser_is_enough(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    assert not has_browser(), "a browser in the terminal would take it over"
+    monkeypatch.setenv(name, "something")
+    assert has_browser()
+
+
+def test_without_a_browser_nothing_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("webbrowser.open", lambda url: pytest.fail("opened"))
+    assert not open_browser("http://localhost/")
+
+
+def test_opening_does_not_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, ended = threading.Event(), threading.Event()
+
+    def start(url: str) -> None:
+        begun.set()
+        ended.wait(60)
+
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr("webbrowser.open", start)
+    assert open_browser("http://localhost/")
+    assert begun.wait(60)
+    ended.set()

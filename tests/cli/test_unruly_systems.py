@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from splatreel.cli.main import main
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.publish import HOUR, Publication
-from splatreel.codec.verification import verify_reel
 from splatreel.storage.address import Address
 from tests.codec.reels import write_reel
 from tests.files import contents

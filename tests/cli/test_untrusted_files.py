@@ -14,8 +14,7 @@ from splatreel.base.errors import ReelError, UsageError
 from splatreel.cli.main import main
 from splatreel.codec.document import parse_object
 from splatreel.formats.ply import write_ply
-from splatreel.play.camera_path import CameraPath, Keyframe
-from splatreel.play.film import film_along_path
+from splatreel.play.film import CameraPath, Keyframe, film_along_path
 from splatreel.scene.gaussians import Gaussians
 from tests.importing.films import cameras, frame, write_film
 

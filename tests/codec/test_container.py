@@ -11,9 +11,8 @@ from safetensors.numpy import load
 
 from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import ReelError, StorageError
-from splatreel.codec.container import FileHeader, pack_file, unpack_file
+from splatreel.codec.container import FileHeader, Section, pack_file, unpack_file
 from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
-from splatreel.codec.section import Section
 from splatreel.config import EncodeConfig
 from tests.codec.reels import CONFIG, new_group, points
 

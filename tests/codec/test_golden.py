@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from tests import golden, golden_long
 from tests.files import contents
 

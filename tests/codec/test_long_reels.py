@@ -10,12 +10,11 @@ import pytest
 from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import ReelError, StorageError
 from splatreel.codec import writer as writer_module
-from splatreel.codec.description import edit_reel
 from splatreel.codec.encoder import ReelEncoder
 from splatreel.codec.group_file import decode_group
+from splatreel.codec.inspection import reel_info, verify_reel
+from splatreel.codec.manifest import edit_reel
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.reel_sizes import reel_info
-from splatreel.codec.verification import verify_reel
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from splatreel.storage.address import Address

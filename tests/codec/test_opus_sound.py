@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from splatreel.base.errors import ReelError
-from splatreel.codec.fragments import RATE
+from splatreel.codec.inspection import verify_reel
+from splatreel.codec.mp4 import RATE
 from splatreel.codec.opus_sound import decode_sound, describe_sound, encode_sound, write_sound
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.play.timeline import open_reel
 from tests import flashes
 from tests.codec.reels import edit_manifest, give_sound, new_group, new_writer, points, write_reel

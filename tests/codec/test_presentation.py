@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from splatreel.base.errors import ReelError
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.manifest import Manifest, parse_manifest
 from splatreel.codec.presentation import (
     EMPTY,
@@ -20,7 +21,6 @@ from splatreel.codec.presentation import (
     check_text,
 )
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from tests.codec.reels import new_group, new_writer, points, write_reel
 from tests.golden import GOLDEN
 

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.codec.preview import FOLDER, newest_preview, remove_previews
-from splatreel.codec.preview_writer import write_preview
+from splatreel.codec.preview import FOLDER, newest_preview, remove_previews, write_preview
 from splatreel.codec.reader import ReelReader
 from tests.codec.reels import new_header, points
 

@@ -10,6 +10,7 @@ import time
 import pytest
 
 from splatreel.base.errors import ReelError, StorageError
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.publish import (
     HOUR,
     RECORD,
@@ -21,7 +22,6 @@ from splatreel.codec.publish import (
     transfer_in_threads,
 )
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.storage.address import Address
 from tests.buckets import BreakingLine, breaking
 from tests.codec.reels import add_chapter_group, new_group, new_writer, points, write_chapters, write_reel

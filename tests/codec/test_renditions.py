@@ -7,8 +7,8 @@ import pytest
 
 from splatreel.base.errors import ReelError
 from splatreel.codec.container import unpack_file
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.config import COARSENESS, EncodeConfig
 from splatreel.play.timeline import open_reel
 from tests.codec.reels import new_group, new_writer, points

@@ -9,9 +9,9 @@ import pytest
 
 from splatreel.base.errors import ReelError, StorageError
 from splatreel.codec.group_file import encode_layer
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.presentation import Poster, Presentation
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.config import EncodeConfig
 from tests.codec.reels import new_group, new_writer, points, write_reel
 from tests.files import contents

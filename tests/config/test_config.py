@@ -6,7 +6,7 @@ import pytest
 
 from splatreel.base.errors import UsageError
 from splatreel.config import Config, EncodeConfig, GroupConfig, H265Config, Quality, preset
-from splatreel.config.presets import BEYOND_THE_PAPER, SECTION_5_1, TABLE_11
+from splatreel.config.presets import BEYOND_THE_PAPER, SECTION_5_1
 from splatreel.config.settings import changed
 
 LEAST = {
@@ -80,10 +80,9 @@ def test_every_quality_has_its_own_preset() -> None:
         preset("best")  # pyright: ignore[reportArgumentType]
 
 
-def test_defaults_are_standard_and_paper_is_three_tables() -> None:
+def test_defaults_are_standard_and_paper_is_two_tables() -> None:
     assert preset("standard") == Config()
-    assert changed(Config(), TABLE_11) == Config(), "standard has the paper's Table 11"
-    assert not set(TABLE_11) & set(SECTION_5_1) | set(SECTION_5_1) & set(BEYOND_THE_PAPER)
+    assert not set(SECTION_5_1) & set(BEYOND_THE_PAPER)
 
 
 def test_json_differs_for_different_configs() -> None:

@@ -13,9 +13,8 @@ from splatreel.edit.ground import Grounded, _best, _gaussians, _Plane
 from splatreel.edit.operations import apply_operations
 from splatreel.edit.reel_clip import ReelClip
 from splatreel.play.timeline import open_reel
-from splatreel.scene.camera import Camera, facing
+from splatreel.scene.camera import Camera, facing, unproject
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.projection import unproject
 from tests.edit.clips import all_points, write_reel
 from tests.golden import random_gaussians
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from splatreel.base.errors import UsageError
-from splatreel.codec.verification import verify_reel
+from splatreel.codec.inspection import verify_reel
 from splatreel.edit.operations import apply_operations
 from splatreel.edit.reel_clip import ReelClip
 from splatreel.play.timeline import Timeline, open_reel

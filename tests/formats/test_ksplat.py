@@ -8,7 +8,7 @@ import pytest
 
 from splatreel.base.errors import GaussiansError
 from splatreel.formats.registry import read_splats
-from splatreel.formats.remarks import Remarks
+from splatreel.formats.splat_columns import Remarks
 from splatreel.scene.gaussians import C0, Gaussians
 from tests.golden import random_gaussians
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from splatreel.base.errors import GaussiansError, StorageError
 from splatreel.formats.ply import read_ply, write_ply
-from splatreel.formats.remarks import Remarks
+from splatreel.formats.splat_columns import Remarks
 from splatreel.scene.gaussians import Gaussians
 from tests.golden import random_gaussians
 

@@ -17,7 +17,7 @@ import pytest
 from splatreel.base.errors import GaussiansError
 from splatreel.formats.ply import write_ply
 from splatreel.formats.registry import FRAME_FORMATS, HALF_TURN, Placement, is_antialiased, read_splats
-from splatreel.formats.remarks import Remarks
+from splatreel.formats.splat_columns import Remarks
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0
 from tests.golden import random_gaussians

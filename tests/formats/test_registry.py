@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from splatreel.formats.registry import FRAME_FORMATS, HALF_TURN, Placement, format_of, read_splats
-from splatreel.formats.remarks import Remarks
-from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.turning import turned
+from splatreel.formats.splat_columns import Remarks
+from splatreel.scene.gaussians import Gaussians, turned
 from tests.golden import random_gaussians
 
 NO_TURN = Placement(np.array([1.0, 0, 0, 0]))

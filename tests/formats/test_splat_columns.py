@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from splatreel.base.errors import GaussiansError
-from splatreel.formats.remarks import Remarks
-from splatreel.formats.splat_columns import Encoding, encoding_of, gaussians_of
+from splatreel.formats.splat_columns import Encoding, Remarks, encoding_of, gaussians_of
 from splatreel.scene.gaussians import C0, Gaussians
 
 N = 60

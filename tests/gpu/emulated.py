@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 from splatreel.gpu.adapters import CUDA, Adapter
-from splatreel.gpu.cuda_devices import CudaDevice, describe_device
-from splatreel.gpu.cuda_libraries import Driver
+from splatreel.gpu.cuda_libraries import CudaDevice, Driver, describe_device
 
 SOURCES = Path(__file__).with_name("emulator")
 

@@ -13,8 +13,7 @@ from splatreel.gpu import adapters as adapters_module
 from splatreel.gpu import cuda_device
 from splatreel.gpu.adapters import adapters, choose_adapter
 from splatreel.gpu.cuda_device import CudaGpu
-from splatreel.gpu.cuda_devices import describe_device
-from splatreel.gpu.cuda_libraries import Driver
+from splatreel.gpu.cuda_libraries import Driver, describe_device
 from splatreel.gpu.shared_gpu import open_gpu
 from tests.gpu.devices import emulated_gpu
 from tests.gpu.emulated import emulated_adapter, emulated_device, emulated_libraries

@@ -8,7 +8,7 @@ import pytest
 from splatreel.base.errors import GpuError
 from splatreel.gpu.cuda_libraries import Compiler, find_compilers
 from splatreel.gpu.cuda_source import translate
-from splatreel.gpu.kernel_source import complete_source, read_shader
+from splatreel.gpu.device import complete_source, read_shader
 
 SHADERS = Path("src/splatreel/gpu/shaders")
 KERNELS = [path.stem for path in sorted(SHADERS.glob("*.wgsl")) if "fn main" in path.read_text()]

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from splatreel.base.errors import GpuError
-from splatreel.gpu import uniforms
 from splatreel.gpu.device import Gpu
-from splatreel.gpu.drawing import Drawing
+from splatreel.gpu.drawing import DRAW, WHOLE, Drawing, fill_view, new_draw
 from splatreel.gpu.wgpu_device import WgpuGpu
-from splatreel.kernels import binning, deform, project, rasterize, similarity
+from splatreel.kernels import binning, deform, photometric, project, rasterize
 from tests.gpu.devices import DEVICES, software_adapter, software_gpu
 
 NEAR, LAMBDA = 0.01, 0.2
@@ -56,10 +55,10 @@ class Case:
         drawing.set_points(np.concatenate([array.reshape(count, int(np.prod(array.shape[1:]))).T for array in arrays]))
         drawing.set_size(width, height)
         drawing.fit_pairs(12 * count + 16)
-        draw = uniforms.new_draw()
-        uniforms.fill_view(draw, pose, K, width, height, NEAR, antialias)
+        draw = new_draw()
+        fill_view(draw, pose, K, width, height, NEAR, antialias)
         draw["counts"] = count, arrays[5].shape[1], 0, drawing.capacity
-        draw["numbers"][0] |= uniforms.WHOLE
+        draw["numbers"][0] |= WHOLE
         draw["loss"][:2] = (1 - LAMBDA) / (3 * width * height), LAMBDA / (3 * width * height)
         gpu.write(drawing.buffers["draw"], draw)
         self.target = np.random.default_rng(1).integers(0, 256, (height, width, 4)).astype(np.uint8)
@@ -88,7 +87,7 @@ class Case:
         bins = binning.bin_splats(seen.means2d, seen.conics, opacities, seen.depths, seen.radii, width, height)
         image, alpha = rasterize.forward(bins, seen.colors)
         target = np.ascontiguousarray(self.target[..., :3])
-        loss = similarity.loss_and_gradient(image, target, LAMBDA, GAIN)
+        loss = photometric.loss_and_gradient(image, target, LAMBDA, GAIN)
         nothing = np.zeros_like(alpha)
         slopes = rasterize.backward(bins, seen.colors, image, loss.d_image, alpha, nothing)
         expected = deform.backward(moment, seen, center, self.view, *slopes[:2], slopes.colors, slopes.opacities)
@@ -209,9 +208,9 @@ def test_more_pairs_than_fit_are_reported(device: Callable[..., Gpu]) -> None:
     case = Case(device(), points(300, 6, 0, 0.2), 48, 32)
     needed = binning_pairs(case)
     case.drawing.capacity = 5
-    draw = uniforms.new_draw()
+    draw = new_draw()
     draw["counts"][3] = 5
-    offset = uniforms.DRAW.fields["counts"][1] + 12
+    offset = DRAW.fields["counts"][1] + 12
     case.gpu.write(case.drawing.buffers["draw"], np.array([5], np.uint32), offset)
     case.run()
     assert case.drawing.needed_pairs() == pytest.approx(needed, rel=0.01)
@@ -266,12 +265,12 @@ def test_uniforms_have_the_layout_of_the_kernels() -> None:
 @group(0) @binding(0) var<uniform> draw: Draw;
 @group(0) @binding(1) var<storage, read_write> found: array<vec4f>;
 @compute @workgroup_size(1) fn main() { found[0] = draw.adam[9]; found[1] = draw.weights[7]; found[2] = draw.meters; }"""
-    from splatreel.gpu.kernel_source import read_shader
+    from splatreel.gpu.device import read_shader
 
     gpu = software_gpu()
     module = gpu.device.create_shader_module(code=f"const GROUP = 64u;\n{read_shader('common')}\n{source}")
     pipeline = gpu.device.create_compute_pipeline(layout="auto", compute={"module": module, "entry_point": "main"})
-    draw = uniforms.new_draw()
+    draw = new_draw()
     draw["adam"][9], draw["weights"][7], draw["meters"] = (1, 2, 3, 4), (5, 6, 7, 8), (9, 10, 11, 12)
     buffers = {0: gpu.uniform(draw), 1: gpu.zeros(48)}
     entries = [{"binding": number, "resource": {"buffer": buffer}} for number, buffer in buffers.items()]

@@ -12,7 +12,7 @@ pytest.importorskip("torch", reason="torch is not installed")
 from splatreel.capture.masks import LIKELY
 from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.method.train.losses import CHAPTER_KEYFRAME, KEYFRAME, Terms
-from splatreel.method.train.opposite_backgrounds import with_opposite
+from splatreel.method.train.subject import with_opposite
 from splatreel.run.device_choice import pick_gpu
 from splatreel.scene.gaussians import Gaussians
 from tests.method.train.parity import compare_groups, compare_keyframes

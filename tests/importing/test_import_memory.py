@@ -15,7 +15,7 @@ import pytest
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import FLOOR, points_memory
 from splatreel.formats.registry import FRAME_FORMATS, Placement, read_splats
-from splatreel.formats.remarks import Remarks
+from splatreel.formats.splat_columns import Remarks
 from splatreel.importing.frames import open_frames
 from tests.golden import random_gaussians
 

@@ -7,10 +7,10 @@ import pytest
 
 from splatreel.base.errors import GaussiansError
 from splatreel.base.progress import Silent
-from splatreel.codec.verification import verify_reel
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import COARSENESS, EncodeConfig
-from splatreel.formats.remarks import Remarks
+from splatreel.formats.splat_columns import Remarks
 from splatreel.importing import reel as module
 from splatreel.importing.comparison import Comparison
 from splatreel.importing.frames import open_frames

@@ -7,7 +7,7 @@ import pytest
 
 from splatreel.base.errors import CaptureError
 from splatreel.importing.viewpoints import RING, read_camera_file, read_cameras, ring
-from splatreel.play.renderers import draw_on_cpu
+from splatreel.play.timeline import draw_on_cpu
 from splatreel.scene.camera import Camera
 from tests.capture import blobs, folders
 from tests.capture.readers import test_transforms

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from splatreel.kernels import deform, harmonics, hashgrid, motion, project, similarity, splat
+from splatreel.kernels import deform, harmonics, hashgrid, motion, photometric, project, splat
 from splatreel.kernels.splat import Projection, Splats
 from tests.kernels.compare import Kernel, camera, floats, gaussians, splats
 
@@ -297,7 +297,7 @@ def images(height: int, width: int, seed: int = 0) -> tuple[np.ndarray, np.ndarr
 
 def photometric_losses() -> Iterator[Case]:
     def kernel(target, weight, *image_and_gain):
-        found = similarity.loss_and_gradient(image_and_gain[0], target, weight, *image_and_gain[1:])
+        found = photometric.loss_and_gradient(image_and_gain[0], target, weight, *image_and_gain[1:])
 
         def gradient(d):
             return tuple(d[0] * slope for slope in (found.d_image, found.d_gain)[: len(image_and_gain)])

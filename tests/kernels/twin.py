@@ -12,7 +12,7 @@ from torch import Tensor
 
 from splatreel.kernels import harmonics
 from splatreel.kernels.hashgrid import PRIME_Y, PRIME_Z, is_dense
-from splatreel.kernels.similarity import SSIM_C1, SSIM_C2, WINDOW
+from splatreel.kernels.photometric import SSIM_C1, SSIM_C2, WINDOW
 
 Skin = tuple[Tensor, Tensor]
 """index [N, K] int64 and share [N, K]: the nodes that each point moves with, and their weights. Neither gets a gradient."""
@@ -151,7 +151,7 @@ def rasterize(splats: Splats, width: int, height: int) -> tuple[Tensor, Tensor]:
 
 
 def photometric_loss(image: Tensor, target: Tensor, lambda_dssim: float = 0.2, gain: Tensor | None = None) -> Tensor:
-    """Twin of `similarity.loss_and_gradient`."""
+    """Twin of `photometric.loss_and_gradient`."""
     if target.dtype == torch.uint8:
         target = target.to(image.dtype) / 255
     if gain is not None:

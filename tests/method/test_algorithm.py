@@ -9,7 +9,7 @@ import numpy as np
 from splatreel.base.progress import Progress, Silent
 from splatreel.codec.encoder import ReelEncoder
 from splatreel.config import Config
-from splatreel.method.algorithm import Handover, reconstruct_group, renew_static
+from splatreel.method.algorithm import ChapterStart, FirstGroup, NextGroup, Start, reconstruct_group, renew_static
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.encode.compression import Coding
@@ -17,9 +17,8 @@ from splatreel.method.layering.labels import Layers, RelitPoints
 from splatreel.method.train.single_frame import lay_out
 from splatreel.run.output.group_writer import header_of
 from splatreel.run.steps import STEPS
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import GroupSpan
-from splatreel.scene.static_points import StaticPoints
 from tests.method.captures import WallCapture
 from tests.method.small import small
 
@@ -51,8 +50,8 @@ class Watch:
 
 
 def reconstruct(
-    config: Config, start: Handover | None = None, frames: int = FRAMES, subject_only: bool = False
-) -> tuple[Recorder, Handover]:
+    config: Config, start: Start | None = None, frames: int = FRAMES, subject_only: bool = False
+) -> tuple[Recorder, NextGroup]:
     """Reconstruct the first frames of the wall.
 
     start: state before them; None for the first group of a video. subject_only: the images are those of a capture with masks.
@@ -61,7 +60,7 @@ def reconstruct(
     seeds, layout = lay_out(rig.cameras, images[0], config)
     if subject_only:
         layout = replace(layout, backgrounds={camera.name: (0.0, 0.0, 0.0) for camera in rig.cameras})
-    start = start or Handover(rig, StaticPoints.none(1), seeds=(seeds.points, seeds.colors))
+    start = start or FirstGroup(rig, StaticPoints.none(1), (seeds.points, seeds.colors))
     header = header_of(rig.cameras, 30, config, layout, None)
     coding = Coding(ReelEncoder(config.encode, rig.cameras), header, None)
     span = GroupSpan(0, 0, max(frames - 1, 1), frames)
@@ -81,7 +80,6 @@ def test_steps_of_video_and_next_group_follow_the_sections_of_the_paper() -> Non
     run, after = reconstruct(small())
     assert list(run.found) == [*CAMERAS, "first keyframe", *REST]
     group = run.found["encode"].group
-    assert after.dynamic is not None
     np.testing.assert_array_equal(after.dynamic.means, group.at(FRAMES - 1).means)
     np.testing.assert_array_equal(after.static.alive, group.alive)
     np.testing.assert_array_equal(after.static.points.means, run.found["layer"].decoded.means)
@@ -94,7 +92,7 @@ def test_steps_of_video_and_next_group_follow_the_sections_of_the_paper() -> Non
 
 
 def test_chapter_starts_in_front_of_shared_points() -> None:
-    run, _ = reconstruct(small(), Handover(Rig.of(CAPTURE.training_cameras), StaticPoints.none(1)))
+    run, _ = reconstruct(small(), ChapterStart(Rig.of(CAPTURE.training_cameras), StaticPoints.none(1)))
     assert list(run.found)[:4] == [*CAMERAS, "chapter keyframe"]
 
 
@@ -107,7 +105,7 @@ def test_settings_turn_steps_off() -> None:
 
 def test_group_without_dynamic_points_trains_no_keyframe() -> None:
     static = StaticPoints.none(1)
-    run, _ = reconstruct(small(), Handover(Rig.of(CAPTURE.training_cameras), static, Gaussians.empty(1)), frames=1)
+    run, _ = reconstruct(small(), NextGroup(Rig.of(CAPTURE.training_cameras), static, Gaussians.empty(1)), frames=1)
     assert list(run.found) == [*CAMERAS, "layering", "motion", "encode"]
 
 

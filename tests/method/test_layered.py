@@ -10,14 +10,14 @@ from splatreel.base.progress import Silent
 from splatreel.kernels import splat
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.tracking.tracking import GroupStart
-from splatreel.method.train.cpu_group import CpuGroupProgram
+from splatreel.method.train.cpu_program import CpuGroupProgram
 from splatreel.method.train.group_trainer import GroupTrainer
 from splatreel.method.train.losses import GROUP
 from splatreel.method.train.programs import Draw
 from splatreel.method.train.render import View
 from splatreel.method.train.terms.custom import Custom
 from splatreel.method.train.training_images import TrainingImages
-from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.gaussians import StaticPoints
 from tests.method.captures import blots
 from tests.method.scenes import random_gaussians, ring
 from tests.method.small import plain

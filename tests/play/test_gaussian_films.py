@@ -9,8 +9,7 @@ from splatreel.formats.fourdgs import FourdgsScene, write_fourdgs
 from splatreel.formats.usd import estimate_bytes, write_usd
 from splatreel.play.gaussian_export import GaussianExport
 from splatreel.play.timeline import open_reel
-from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.turning import turned
+from splatreel.scene.gaussians import Gaussians, turned
 from splatreel.scene.volumes import Box
 from tests.golden import PREDICTIVE
 

@@ -12,15 +12,15 @@ from splatreel.cli.main import main
 from splatreel.codec.manifest import parse_manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.formats.ply import read_ply
+from splatreel.play.player_page import write_standalone
 from splatreel.play.presentation_writer import PresentationWriter
 from splatreel.play.served_files import ServedFiles
-from splatreel.play.standalone import write_standalone
 from splatreel.play.timeline import open_reel
 from splatreel.play.viewer import Clock
 from splatreel.scene.gaussians import Gaussians
 from tests.codec.reels import QUICK, add_chapter_group, new_writer
 from tests.golden_long import CHAPTER, LONG, WINDOW
-from tests.play.test_standalone import Scripts
+from tests.play.test_player_page import Scripts
 
 FPS = 10
 

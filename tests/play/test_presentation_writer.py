@@ -9,7 +9,7 @@ from PIL import Image
 
 from splatreel.base import atomic
 from splatreel.base.errors import ReelError
-from splatreel.codec.verification import verify_reel
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.writer import ReelWriter
 from splatreel.play.presentation_writer import PresentationWriter, jpeg_within
 from splatreel.play.timeline import open_reel

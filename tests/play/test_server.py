@@ -2,11 +2,16 @@
 
 import http.client
 import json
+import os
 import re
 import shutil
 import socket
 import stat
+import threading
+import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -16,13 +21,14 @@ from urllib.parse import quote, urlsplit
 import pytest
 
 from splatreel.base.errors import ReelError, UsageError
-from splatreel.codec.preview_writer import write_preview
+from splatreel.codec.preview import write_preview
 from splatreel.play.player_page import STATIC
 from splatreel.play.presentation_writer import PresentationWriter
 from splatreel.play.served_files import RunFiles, ServedFiles
 from splatreel.play.server import Server, serve
 from tests.codec.reels import edit_manifest, new_header, new_writer, points, write_reel
 from tests.golden import GOLDEN
+from tests.play.attacks import ATTACKS, GET, GET_LARGE, HEAD, LARGE, large_reel, served
 
 DOCS = Path(__file__).parents[2] / "docs" / "player.md"
 DATA = bytes(range(256)) * 8
@@ -387,3 +393,146 @@ def test_a_run_is_served_from_its_first_preview_on(tmp_path: Path):
             assert request(other, "/reel/manifest.json")[0].status == 200
         write_reel(tmp_path / "reel")
         assert request(server, "/reel/manifest.json")[1] == (tmp_path / "reel" / "manifest.json").read_bytes()
+
+
+@pytest.fixture
+def golden_server() -> Iterator[Server]:
+    with serve(GOLDEN, port=0) as running:
+        yield running
+
+
+def dial(server: Server) -> socket.socket:
+    address = urlsplit(server.url)
+    return socket.create_connection((address.hostname, address.port), timeout=120)
+
+
+def received(peer: socket.socket) -> bytes:
+    """All that comes until the server closes the connection."""
+    data = b""
+    try:
+        while chunk := peer.recv(1 << 16):
+            data += chunk
+    except ConnectionError:
+        pass
+    return data
+
+
+def shorten(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setattr(f"splatreel.play.server.{name}", 0.3)
+
+
+def test_slow_headers_time_out(golden_server: Server, monkeypatch: pytest.MonkeyPatch):
+    shorten(monkeypatch, "REQUEST_SECONDS")
+    with dial(golden_server) as peer:
+        try:
+            for byte in HEAD * 100:
+                peer.sendall(bytes([byte]))
+                time.sleep(0.02)
+        except ConnectionError:
+            return
+    pytest.fail("it was not given up")
+
+
+def test_slow_second_request_times_out(golden_server: Server, monkeypatch: pytest.MonkeyPatch):
+    shorten(monkeypatch, "REQUEST_SECONDS")
+    monkeypatch.setattr("splatreel.play.server.IDLE_SECONDS", 1000)
+    with dial(golden_server) as peer:
+        peer.sendall(GET + HEAD)
+        assert received(peer).count(b"HTTP/1.1 200") == 1  # it ends: else this times out
+
+
+def test_idle_connection_times_out(golden_server: Server, monkeypatch: pytest.MonkeyPatch):
+    shorten(monkeypatch, "IDLE_SECONDS")
+    with dial(golden_server) as peer:
+        peer.sendall(GET)
+        assert received(peer).startswith(b"HTTP/1.1 200")
+
+
+def test_stalled_reader_times_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    shorten(monkeypatch, "STALL_SECONDS")
+    reel = large_reel(tmp_path)
+    with serve(reel, port=0) as server, dial(server) as peer:
+        peer.sendall(GET_LARGE)
+        time.sleep(4)
+        assert len(received(peer)) < LARGE, "it was cut off"
+
+
+def test_slow_reader_receives_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Longer than a reader may stall in all, but never at once."""
+    monkeypatch.setattr("splatreel.play.server.STALL_SECONDS", 2.0)
+    reel, size = large_reel(tmp_path), 0
+    with serve(reel, port=0) as server:
+        peer = dial(server)
+        with peer:
+            peer.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)
+            peer.sendall(GET_LARGE[:-2] + b"Connection: close\r\n\r\n")
+            while chunk := peer.recv(1 << 19):
+                size += len(chunk)
+                time.sleep(len(chunk) / (8 << 20))
+    assert size > LARGE
+
+
+@pytest.mark.parametrize("count", [2, 3, 20_000])
+def test_connection_answers_two_pipelined_requests_and_closes(golden_server: Server, count: int):
+    """Then the connection ends; those who send them so must be ready to send the others again."""
+    with dial(golden_server) as peer:
+        with suppress(ConnectionError):
+            peer.sendall(GET * count)
+        answers = received(peer).count(b"HTTP/1.1 200")
+    assert answers == 2 or (count > 3 and answers < 2), "what is unread when a connection ends takes answers with it"
+
+
+def test_connection_answers_sequential_requests(golden_server: Server):
+    address = urlsplit(golden_server.url)
+    asking = http.client.HTTPConnection(address.netloc, timeout=120)
+    asking.connect()
+    first = asking.sock
+    for _ in range(50):
+        asking.request("GET", "/reel/manifest.json")
+        assert asking.getresponse().read() == (GOLDEN / "manifest.json").read_bytes()
+    assert asking.sock is first
+    asking.close()
+
+
+def test_new_connection_replaces_longest_waiting_one(golden_server: Server):
+    """The connection that waited longest is given up, not the newest."""
+    with ExitStack() as stack:
+        for _ in range(300):
+            stack.enter_context(dial(golden_server)).sendall(HEAD)
+        assert request(golden_server, "/reel/manifest.json")[0].status == 200
+
+
+def test_connection_limit_keeps_active_readers(golden_server: Server):
+    with dial(golden_server) as peer, ExitStack() as stack:
+        peer.sendall(GET)
+        assert peer.recv(1 << 16).startswith(b"HTTP/1.1 200")
+        for _ in range(200):
+            stack.enter_context(dial(golden_server)).sendall(HEAD)
+        peer.sendall(HEAD + b"Connection: close\r\n\r\n")
+        assert b"HTTP/1.1 200" in received(peer)
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="memory is read from /proc")
+def test_attacks_use_little_memory_and_cause_no_delay(tmp_path: Path):
+    with served(large_reel(tmp_path)) as victim:
+        before = victim.peak()
+        for attack in ATTACKS:
+            with ExitStack() as stack:
+                for peer in attack(victim.address):
+                    stack.enter_context(peer)
+                assert min(victim.ask() for _ in range(3)) < 10, attack.__name__
+            assert victim.peak() - before < 100e6, attack.__name__
+
+
+def test_server_closes_at_once_despite_open_connections(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    for name in ("REQUEST_SECONDS", "IDLE_SECONDS", "STALL_SECONDS"):
+        monkeypatch.setattr(f"splatreel.play.server.{name}", 1000)
+    server = serve(large_reel(tmp_path), port=0)
+    with ExitStack() as stack:
+        for sent in (b"", HEAD, GET, GET_LARGE):
+            stack.enter_context(dial(server)).sendall(sent)
+        time.sleep(0.2)
+        closing = threading.Thread(target=server.close)
+        closing.start()
+        closing.join(120)
+        assert not closing.is_alive()

@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip("playwright.sync_api", reason="the browser tests need the playwright package")
 from playwright.sync_api import Page
 
+from splatreel.play.player_page import write_standalone
 from splatreel.play.server import serve
-from splatreel.play.standalone import write_standalone
 from splatreel.play.timeline import open_reel
 from tests.golden_long import LONG, WINDOW
 from tests.player.pages import PLAYER, expect_problems, open_player, wait_for_picture

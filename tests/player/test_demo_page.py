@@ -7,9 +7,9 @@ import pytest
 from playwright.sync_api import Browser
 
 from splatreel.base.progress import Silent
-from splatreel.cli.demo_player import demo_player
-from splatreel.codec.preview_writer import write_preview
-from splatreel.play import sample_reel
+from splatreel.cli.demo import demo_player
+from splatreel.codec.preview import write_preview
+from splatreel.play import demo_page
 from tests.codec.reels import new_header, points
 from tests.golden import PREDICTIVE
 
@@ -21,7 +21,7 @@ REEL = "window.player.document.querySelector('splat-reel')"
 def test_the_own_reel_replaces_the_sample_on_request_and_its_previews_in_place(
     browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sample_reel, "SAMPLE", PREDICTIVE)
+    monkeypatch.setattr(demo_page, "SAMPLE", PREDICTIVE)
     page = browser.new_page(viewport={"width": 480, "height": 320})
     with demo_player(Silent(), tmp_path, serve=True) as player:
         assert player is not None

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page
 
-from splatreel.play.camera_path import read_path
+from splatreel.play.film import read_path
 from splatreel.play.server import Server
 from splatreel.play.timeline import open_reel
 from tests.golden import GOLDEN

@@ -11,7 +11,7 @@ from splatreel.base.progress import Silent
 from splatreel.cli.serve import run_report
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.play.server import Server
-from splatreel.run.run_history import RecordedProgress
+from splatreel.run.run_logs import RecordedProgress
 from tests.evaluation import scenes
 from tests.player.test_accessibility import AXE, assert_accessible
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page
 
-from splatreel.codec.description import edit_reel
-from splatreel.play.standalone import write_standalone
+from splatreel.codec.manifest import edit_reel
+from splatreel.play.player_page import write_standalone
 from tests.flashes import GOLDEN as SOUND
 from tests.player.pages import PLAYER, wait_for_picture
 

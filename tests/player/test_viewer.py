@@ -7,8 +7,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser
 
-from splatreel.play.renderers import draw_on_cpu
-from splatreel.play.timeline import open_reel
+from splatreel.play.timeline import draw_on_cpu, open_reel
 from splatreel.play.viewer import Viewer
 from tests.golden import GOLDEN
 from tests.player.pages import wait_until

@@ -10,10 +10,9 @@ import pytest
 
 from splatreel.base.errors import ReconstructionError
 from splatreel.evaluation.report import Report
-from splatreel.run.checkpoint import load_arrays, save_arrays
 from splatreel.run.output.sound_output import load_soundtrack
-from splatreel.run.run_record import check_record
-from splatreel.run.store import Store
+from splatreel.run.run_folder import check_record
+from splatreel.run.store import Store, load_arrays, save_arrays
 
 LAYOUT = {"near": 0.1, "unit": 4.0, "up": [0, -1, 0], "bounds": [[0, 0, 0], [1, 1, 1]]}
 HEADER = {

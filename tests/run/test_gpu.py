@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from splatreel.base.progress import Silent
-from splatreel.codec.verification import verify_reel
+from splatreel.codec.inspection import verify_reel
 from splatreel.config import EncodeConfig
-from splatreel.evaluation.uncompressed import uncompressed_frames
+from splatreel.evaluation.evaluate import uncompressed_frames
 from splatreel.kernels.image import render_image
 from splatreel.method.train import gpu_program
-from splatreel.run import checkpoint
 from splatreel.run.output.reencode import reencode
 from splatreel.run.pipeline import Result, reconstruct
+from splatreel.run.store import load_arrays, save_arrays
 from tests.gpu.devices import software_adapter
 from tests.method.captures import WallCapture
 from tests.method.small import small
@@ -89,8 +89,8 @@ def test_cuda_without_gsplat_is_left_alone(tmp_path: Path, device: str) -> None:
     with without_gsplat():
         result = reconstruct(WallCapture(FRAMES), tmp_path / "run", CONFIG, device=device)
         for kept in result.work.glob("group*/layer.safetensors"):  # so that encoding has to measure as well
-            arrays = checkpoint.load_arrays(kept)
-            checkpoint.save_arrays(kept, {name: value for name, value in arrays.items() if name != "importance"})
+            arrays = load_arrays(kept)
+            save_arrays(kept, {name: value for name, value in arrays.items() if name != "importance"})
         reencode(result.work, tmp_path / "again", EncodeConfig(), Silent())
     assert result.device == "cpu"
     assert verify_reel(result.reel).groups == verify_reel(tmp_path / "again").groups == 2

@@ -9,14 +9,14 @@ import pytest
 
 from splatreel.base.errors import ReconstructionError
 from splatreel.base.progress import Silent
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.play.timeline import Timeline
 from splatreel.run.jobs import ChapteredRun, chapter_job, reel_job, scene_job
 from splatreel.run.output.group_writer import no_presentation
 from splatreel.run.output.reencode import reencode
 from splatreel.run.pipeline import Result, plan_run, reconstruct
-from splatreel.run.step_checkpoints import CHAPTER
+from splatreel.run.steps import CHAPTER
 from splatreel.run.store import Store
 from tests.method.captures import WallCapture
 from tests.method.small import small

@@ -1,3 +1,7 @@
+"""The time of a training iteration, on the CPU and through wgpu."""
+
+from __future__ import annotations
+
 import platform
 import re
 from dataclasses import replace
@@ -6,15 +10,20 @@ from pathlib import Path
 import pytest
 
 from splatreel.base import threads
+from splatreel.base.errors import GpuError
 from splatreel.run import machine_speed
 from splatreel.run.machine_speed import (
     LARGE,
     SMALL,
     MachineSpeed,
+    Probe,
     describe_processor,
+    iteration_ms,
+    measure_run_speed,
     measure_speed,
     processor_name,
 )
+from tests.gpu.devices import OpenedGpu
 
 
 def test_steps_of_both_sizes_over_those_of_the_reference(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -72,3 +81,26 @@ def test_processor_name_on_other_systems(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(machine_speed.subprocess, "run", lambda *_, **__: answer)
     assert processor_name() == "Apple M2"
     processor_name.cache_clear()
+
+
+TINY = Probe(50, 32, 16, -2.0, 1.0, 1)
+
+
+def test_an_iteration_is_timed_on_both_devices() -> None:
+    assert iteration_ms(None, TINY, 0.01) > 0
+    assert iteration_ms(OpenedGpu(), TINY, 0.01) > 0
+
+
+def test_a_failed_gpu_is_not_timed_as_the_cpu() -> None:
+    gpu = OpenedGpu()
+    gpu.fail(GpuError("lost"))
+    with pytest.raises(GpuError, match="lost"):
+        iteration_ms(gpu, TINY, 0.01)
+
+
+def test_the_estimate_of_a_run_knows_its_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(machine_speed, "measure_speed", lambda: MachineSpeed(1.0, 1.0, 1.5))
+    monkeypatch.setattr(machine_speed, "iteration_ms", lambda gpu, probe, seconds: 100 * probe.seconds)
+    assert measure_run_speed(None) == MachineSpeed(1.0, 1.0, 1.5)
+    found = measure_run_speed(OpenedGpu())
+    assert (found.small, found.large, found.other) == (pytest.approx(0.1), pytest.approx(0.1), 1.5)

@@ -17,11 +17,11 @@ import pytest
 from splatreel.base import atomic
 from splatreel.base.errors import CaptureError, ReconstructionError, SplatreelError, StorageError, UsageError
 from splatreel.base.progress import Silent, Span
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.config import Config
-from splatreel.config.records import ADDED_SETTINGS
-from splatreel.evaluation.uncompressed import uncompressed_frames
+from splatreel.config.settings import ADDED_SETTINGS
+from splatreel.evaluation.evaluate import uncompressed_frames
 from splatreel.kernels.image import render_image
 from splatreel.run.pipeline import Result, reconstruct
 from splatreel.scene.reel_source import ReelSource
@@ -353,7 +353,7 @@ def test_light_changes_everywhere(tmp_path: Path) -> None:
 
 def test_images_that_do_not_fit_into_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     capture = WallCapture(FRAMES)
-    monkeypatch.setattr("splatreel.run.memory.physical_memory", lambda: 60_000)
+    monkeypatch.setattr("splatreel.run.requirements.physical_memory", lambda: 60_000)
     with pytest.raises(ReconstructionError, match=r"wall: images of 48x32 by 4 cameras, .* Use a machine with more"):
         reconstruct(capture, tmp_path / "a", CONFIG)
     assert not (tmp_path / "a").exists()

@@ -10,7 +10,7 @@ from PIL import Image
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import Silent, Span
 from splatreel.capture.opening import open_capture
-from splatreel.codec.verification import verify_reel
+from splatreel.codec.inspection import verify_reel
 from splatreel.run.pipeline import reconstruct
 from tests.files import contents
 from tests.method.captures import HEIGHT, WIDTH, WallCapture

@@ -10,7 +10,7 @@ from splatreel.capture.base import Capture
 from splatreel.method.train.keyframe_trainer import KeyframeResult
 from splatreel.run.jobs import ChapteredRun, chapter_job, scene_job
 from splatreel.run.pipeline import plan_run
-from splatreel.run.step_checkpoints import CHAPTER
+from splatreel.run.steps import CHAPTER
 from splatreel.scene.gaussians import Gaussians
 from tests.method.captures import HEIGHT, WIDTH, make_image
 from tests.method.scenes import ring

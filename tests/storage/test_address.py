@@ -7,8 +7,7 @@ import pytest
 
 from splatreel.base.errors import StorageError, UsageError
 from splatreel.storage.address import Address, is_url, local_path
-from splatreel.storage.bucket import Bucket, header_arguments
-from splatreel.storage.transport import Headers, is_plain
+from splatreel.storage.transport import Bucket, Headers, header_arguments, is_plain
 from tests.buckets import breaking
 
 

@@ -17,8 +17,8 @@ from urllib.parse import urlsplit
 import pytest
 
 from splatreel.base.errors import ReelError, StorageError, UsageError
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.reader import ReelReader, reel_address
-from splatreel.codec.verification import verify_reel
 from splatreel.storage.address import Address
 from splatreel.storage.web import _SameHost
 from tests.buckets import web_server

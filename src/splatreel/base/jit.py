@@ -14,8 +14,7 @@ import numpy as np
 from numba import types
 
 from splatreel.base import threads
-from splatreel.base.compile_cache import choose_compile_cache
-from splatreel.base.process import check_address_space
+from splatreel.base.process import check_address_space, choose_compile_cache
 
 choose_compile_cache()
 logger = logging.getLogger("splatreel")

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from splatreel.base.atomic import move, scratch
 from splatreel.base.errors import SplatreelError
-from splatreel.base.progress import Progress, Span
+from splatreel.base.progress import PassedOn, Progress
 
 
 @dataclass
@@ -74,25 +74,17 @@ class NewFolder:
             raise self.refusal
 
 
-class _CheckedProgress:
+class _CheckedProgress(PassedOn):
     """Progress display that calls a function whenever steps are done."""
 
     def __init__(self, progress: Progress, check: Callable[[], None]) -> None:
-        self._progress = progress
+        super().__init__(progress)
         self._check = check
-
-    def stage(self, name: str, total: int, span: Span | None = None) -> None:
-        """Show the beginning of a stage."""
-        self._progress.stage(name, total, span)
 
     def update(self, done: int, **numbers: float) -> None:
         """Check, and show steps."""
         self._check()
-        self._progress.update(done, **numbers)
-
-    def note(self, text: str) -> None:
-        """Show a note."""
-        self._progress.note(text)
+        super().update(done, **numbers)
 
 
 def is_taken(out: Path) -> bool:

@@ -163,7 +163,6 @@ def _check_plain(element: _Element, path: Path) -> None:
 def _split_bytes(
     body: bytes, elements: list[_Element], wanted: tuple[str, ...], order: str, path: Path
 ) -> dict[str, Columns]:
-    """Return the columns of binary elements."""
     found: dict[str, Columns] = {}
     at = 0
     for element in elements:

@@ -1,4 +1,4 @@
-"""Process-wide settings: standard streams, threads, memory, signals and time."""
+"""Process-wide settings and limits: standard streams, threads, memory, control groups, signals, time, and numba's cache."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ import ctypes
 import functools
 import os
 import signal
+import stat
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
 
 
 def open_standard_streams() -> None:
@@ -129,3 +132,154 @@ def steady_clock() -> Callable[[], float]:
     """Return a clock of seconds since 1970 that runs on evenly when the clock of the system is set."""
     offset = time.time() - time.monotonic()
     return lambda: offset + time.monotonic()
+
+
+MOUNTED = Path("/sys/fs/cgroup")
+OWN = Path("/proc/self/cgroup")
+UNLIMITED = 1 << 60
+"""Bytes at or above which version 1 means that there is no limit."""
+
+
+def cpu_quota() -> float | None:
+    """Return the number of processors whose time this process may use, or None without a limit."""
+    found: list[float] = []
+    for group in _groups("cpu"):
+        quota, period, *_ = [*_words(group / "cpu.max"), "", ""]
+        if not quota:
+            quota, period = _word(group / "cpu.cfs_quota_us"), _word(group / "cpu.cfs_period_us")
+        if _is_number(quota) and _is_number(period) and int(period) > 0:
+            found.append(int(quota) / int(period))
+    return min(found, default=None)
+
+
+def memory_limit() -> int | None:
+    """Return the lowest memory limit of this process's groups in bytes, or None without a limit."""
+    return min((limit for _, limit in _groups_with_memory_limit()), default=None)
+
+
+def free_memory() -> int | None:
+    """Return the bytes left below the memory limits, or None without a limit.
+
+    File pages count as free, because the kernel drops them first.
+    """
+    return min((max(limit - _used_bytes(group), 0) for group, limit in _groups_with_memory_limit()), default=None)
+
+
+def _groups_with_memory_limit() -> Iterator[tuple[Path, int]]:
+    """Yield each group that has a memory limit, with the limit in bytes."""
+    for group in _groups("memory"):
+        for name in ("memory.max", "memory.limit_in_bytes"):
+            word = _word(group / name)
+            if _is_number(word) and int(word) < UNLIMITED:
+                yield group, int(word)
+
+
+def _used_bytes(group: Path) -> int:
+    """Return the bytes that a group holds, without file pages."""
+    for name, prefix in (("memory.current", ""), ("memory.usage_in_bytes", "total_")):
+        word = _word(group / name)
+        if not _is_number(word):
+            continue
+        pages = 0
+        counts = _words(group / "memory.stat")
+        for kind, count in zip(counts[::2], counts[1::2], strict=False):
+            if kind in (f"{prefix}inactive_file", f"{prefix}active_file") and _is_number(count):
+                pages += int(count)
+        return max(int(word) - pages, 0)
+    return 0
+
+
+def _groups(controller: str) -> Iterator[Path]:
+    """Yield the folders of this process's own group and of its visible parent groups."""
+    for line in _lines(OWN):
+        number, controllers, path = (*line.split(":", 2), "", "")[:3]
+        if number == "0" and not controllers:
+            places = [MOUNTED, MOUNTED / "unified"]
+        elif controller in controllers.split(","):
+            places = [MOUNTED / controllers, MOUNTED / controller]
+        else:
+            continue
+        for place in places:
+            if place.is_dir():
+                own = PurePosixPath(path.lstrip("/"))
+                yield from (folder for part in (own, *own.parents) if (folder := place / part).is_dir())
+                break
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        return path.read_text(encoding="ascii", errors="replace").splitlines()
+    except OSError:
+        return []
+
+
+def _words(path: Path) -> list[str]:
+    return " ".join(_lines(path)).split()
+
+
+def _word(path: Path) -> str:
+    return (_words(path) or [""])[0]
+
+
+def _is_number(word: str) -> bool:
+    return word.isascii() and word.isdecimal()
+
+
+PACKAGE = Path(__file__).parents[1]
+VARIABLE = "NUMBA_CACHE_DIR"
+
+
+@functools.cache
+def choose_compile_cache() -> None:
+    """Choose a writable folder for numba's cache: numba's own, else one in the temporary folder, else turn the cache off.
+
+    Call this before the first kernel is imported. Child processes inherit the choice.
+    """
+    chosen = os.environ.get(VARIABLE)
+    if chosen and _writable(Path(chosen)):
+        return
+    if not chosen and (_writable(PACKAGE / "__pycache__") or _writable(_user_cache())):
+        return
+    private = _private_folder()
+    if private is None:
+        _cache_nothing()
+        return
+    os.environ[VARIABLE] = str(private)
+    if "numba" in sys.modules:  # numba has read the variable already
+        sys.modules["numba"].config.CACHE_DIR = str(private)
+
+
+def _user_cache() -> Path:
+    """Return numba's cache folder for the user on Linux. On other systems it is elsewhere in the home folder."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
+
+
+def _writable(folder: Path) -> bool:
+    """Return whether files can be created in a folder, or whether a missing folder can be created."""
+    while not os.path.lexists(folder) and folder != folder.parent:
+        folder = folder.parent
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def _private_folder() -> Path | None:
+    """Return a folder in the temporary folder that only this user can write to, since the cache holds code; None if impossible."""
+    user = os.getuid() if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
+    try:
+        folder = Path(tempfile.gettempdir()) / f"splatreel-numba-{user}"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+    except OSError:
+        return None
+    mine = not hasattr(os, "getuid") or (found.st_uid == os.getuid() and not found.st_mode & 0o077)
+    return folder if mine and stat.S_ISDIR(found.st_mode) and _writable(folder) else None
+
+
+def _cache_nothing() -> None:
+    """Turn numba's cache off: every process compiles anew. Numba has no setting for this, so its method is replaced."""
+    from numba.core.dispatcher import Dispatcher
+
+    Dispatcher.enable_caching = lambda self: None

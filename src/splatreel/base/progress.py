@@ -72,31 +72,45 @@ class Progress(Protocol):
         ...
 
 
-class Cancellable:
-    """Progress display that raises `CancelledError` at the next report after an event is set.
+class PassedOn:
+    """Progress display that passes all reports on. Subclasses change some of them.
 
     Args:
         progress: Display to pass reports on to.
-        cancel: The event.
     """
 
-    def __init__(self, progress: Progress, cancel: threading.Event) -> None:
+    def __init__(self, progress: Progress) -> None:
         self._progress = progress
+
+    def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        """Pass the start of a stage on."""
+        self._progress.stage(name, total, span)
+
+    def update(self, done: int, **numbers: float) -> None:
+        """Pass finished steps on."""
+        self._progress.update(done, **numbers)
+
+    def note(self, text: str) -> None:
+        """Pass one line on."""
+        self._progress.note(text)
+
+
+class Cancellable(PassedOn):
+    """Progress display that raises `CancelledError` at the next report after an event is set."""
+
+    def __init__(self, progress: Progress, cancel: threading.Event) -> None:
+        super().__init__(progress)
         self._cancel = cancel
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
         """Start a stage."""
         self._check()
-        self._progress.stage(name, total, span)
+        super().stage(name, total, span)
 
     def update(self, done: int, **numbers: float) -> None:
         """Report finished steps."""
         self._check()
-        self._progress.update(done, **numbers)
-
-    def note(self, text: str) -> None:
-        """Show one line."""
-        self._progress.note(text)
+        super().update(done, **numbers)
 
     def _check(self) -> None:
         if self._cancel.is_set():
@@ -116,17 +130,11 @@ class Silent:
         """Show nothing."""
 
 
-class PartOf:
-    """Progress of one part of a job, with its spans mapped into the whole job.
-
-    Args:
-        progress: Display of the whole job.
-        begin: Start of the part within the job, 0..1.
-        end: End of the part within the job, 0..1.
-    """
+class PartOf(PassedOn):
+    """Progress of one part of a job, which begins and ends at shares 0..1 of it. Spans are mapped into the whole job."""
 
     def __init__(self, progress: Progress, begin: float, end: float) -> None:
-        self._progress = progress
+        super().__init__(progress)
         self._begin = begin
         self._end = end
 
@@ -135,15 +143,7 @@ class PartOf:
         if span is not None:
             scale = self._end - self._begin
             span = self._begin + scale * span[0], self._begin + scale * span[1]
-        self._progress.stage(name, total, span)
-
-    def update(self, done: int, **numbers: float) -> None:
-        """Report finished steps."""
-        self._progress.update(done, **numbers)
-
-    def note(self, text: str) -> None:
-        """Show one line."""
-        self._progress.note(text)
+        super().stage(name, total, span)
 
 
 def parts_of(progress: Progress, costs: Sequence[float]) -> list[PartOf]:

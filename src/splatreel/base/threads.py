@@ -16,8 +16,8 @@ from contextlib import contextmanager
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
-from splatreel.base.cgroups import cpu_quota
 from splatreel.base.errors import UsageError
+from splatreel.base.process import cpu_quota
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

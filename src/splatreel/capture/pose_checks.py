@@ -2,7 +2,7 @@
 
 Matrices that are not rotations or that mirror are refused. A matrix alone does not show whether it is inverted. Sparse
 points must be in front of the cameras. Without points only doubts are reported, because a rig may face outwards. Images
-then decide (`method/cameras/pose_conventions.py`).
+then decide (`method/cameras/poses.py`).
 """
 
 from __future__ import annotations

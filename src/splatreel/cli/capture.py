@@ -13,8 +13,15 @@ from tyro.conf import Positional, arg
 from splatreel.base import threads
 from splatreel.base.command_line import install_command, option, quoted
 from splatreel.base.errors import ReconstructionError, UsageError
-from splatreel.cli.options import CaptureAddress, CaptureFolder, NewFolder, parse_frames, parse_held_out, parse_left_out
-from splatreel.cli.outputs import check_out
+from splatreel.cli.options import (
+    CaptureAddress,
+    CaptureFolder,
+    OutFolder,
+    check_out,
+    parse_frames,
+    parse_held_out,
+    parse_left_out,
+)
 from splatreel.cli.printing import already_complete, counted, say
 
 if TYPE_CHECKING:
@@ -168,8 +175,7 @@ def _judge(
         ReconstructionError: Reconstruction would refuse the capture.
     """
     from splatreel.config import Config
-    from splatreel.run.memory import check_memory
-    from splatreel.run.requirements import check_capture, check_images
+    from splatreel.run.requirements import check_capture, check_images, check_memory
 
     check_capture(source)
     check_memory(source, Config())
@@ -357,7 +363,7 @@ def capture_sync(capture: CaptureFolder, /, leave_out: str | None = None, dry_ru
 
 def capture_convert(
     capture: CaptureAddress,
-    out: NewFolder,
+    out: OutFolder,
     /,
     width: int | None = None,
     frames: str | None = None,
@@ -391,7 +397,7 @@ def capture_convert(
         say(f"  {', '.join(renamed)}")
 
 
-def capture_film(out: NewFolder, /) -> None:
+def capture_film(out: OutFolder, /) -> None:
     """Write the built-in capture: a toy room that fourteen virtual cameras film, in the layout of Neu3DV.
 
     Args:

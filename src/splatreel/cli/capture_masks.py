@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 from splatreel.base.command_line import quoted
 from splatreel.base.errors import UsageError
 from splatreel.base.threads import use as use_threads
-from splatreel.cli.options import CaptureAddress, parse_frames, parse_left_out
-from splatreel.cli.outputs import check_out
+from splatreel.cli.options import CaptureAddress, check_out, parse_frames, parse_left_out
 from splatreel.cli.printing import counted, say
 
 if TYPE_CHECKING:

@@ -1,26 +1,28 @@
-"""`splatreel demo`: reconstruct, evaluate and play the built-in scene."""
+"""`splatreel demo`: reconstruct and evaluate the built-in scene. Its player shows the sample reel, then the user's own."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splatreel.base.errors import UsageError
+from splatreel.base.progress import Estimate, PassedOn, Progress, Span
 from splatreel.base.threads import use as use_threads
-from splatreel.cli.demo_player import demo_player
-from splatreel.cli.options import Set, check_effect, parse_set, with_set
-from splatreel.cli.outputs import check_out
+from splatreel.cli.options import Set, check_effect, check_out, parse_set, with_set
 from splatreel.cli.printing import say, serving
 from splatreel.cli.reconstruct import Device, configure, with_renditions
-from splatreel.cli.serve import wait_for_viewers
+from splatreel.cli.serve import open_browser, wait_for_viewers
 from splatreel.config import Config, Quality
 
 if TYPE_CHECKING:
-    from splatreel.base.progress import Progress
     from splatreel.evaluation.report import Report
     from splatreel.run.pipeline import Result
+
 
 WORDS = {
     "title": "A toy room",
@@ -96,8 +98,7 @@ def reconstruct_demo(
     from splatreel.kernels.warmup import background_warmup
 
     with background_warmup(progress, threads.count()):
-        from splatreel.evaluation.evaluate import evaluate
-        from splatreel.evaluation.uncompressed import uncompressed_frames
+        from splatreel.evaluation.evaluate import evaluate, uncompressed_frames
         from splatreel.play.presentation_writer import PresentationWriter
         from splatreel.run import pipeline
         from splatreel.run.store import Store
@@ -126,3 +127,89 @@ def reconstruct_demo(
 def demo_config(quality: Quality, seed: int) -> Config:
     """Return a preset without the trial of novel views: the cameras of the built-in scene are known to suffice."""
     return dataclasses.replace(configure(quality, None, None, seed), check_coverage=False)
+
+
+class DemoPlayer(PassedOn):
+    """Progress display of the demo that also reports to the demo's page, and says once what can be watched.
+
+    Args:
+        progress: Display of the progress.
+        out: Output folder of the demo.
+        port: Port to listen on; 0 takes any free one.
+
+    Raises:
+        UsageError: This machine lets no server listen.
+    """
+
+    def __init__(self, progress: Progress, out: Path, port: int = 0) -> None:
+        from splatreel.cli.serve import run_report
+        from splatreel.play.demo_page import NAME, SAMPLE, DemoPage
+        from splatreel.play.served_files import RunFiles, ServedFiles
+        from splatreel.play.server import Server
+
+        super().__init__(progress)
+        self._estimate = Estimate()
+        self._own = RunFiles(out)
+        self._page = DemoPage(self._own)
+        pages = {NAME: self._page, **run_report(out / "reel", always=True)}
+        self.server = Server(self._own, port=port, pages=pages, reels={"sample": ServedFiles(SAMPLE)})
+        self.page = f"{self.server.url}{NAME}"
+        self._name = ""
+        self._told = self._own.shows
+
+    def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        """Start a stage."""
+        self._name = name
+        self._estimate.stage(total, span)
+        self._page.report(name)
+        super().stage(name, total, span)
+
+    def update(self, done: int, **numbers: float) -> None:
+        """Report finished steps."""
+        self._estimate.done = done
+        left = self._estimate.seconds_left()
+        time_text = "" if left is None or left < 0.5 else f", {self._estimate.in_words(left)}"
+        self._page.report(f"{self._name}: {100 * self._estimate.share:.0f} %{time_text}")
+        super().update(done, **numbers)
+        if not self._told and self._own.shows:
+            self._told = True
+            self.note(f"Watch your own reel, first its keyframe, later moving: {self.server.url}")
+
+    def finish(self) -> None:
+        """Say on the page that the user's reel is finished."""
+        self._page.report("finished")
+
+
+@contextlib.contextmanager
+def demo_player(progress: Progress, out: Path, serve: bool) -> Iterator[DemoPlayer | None]:
+    """Serve the demo's page in the block, and open it in a browser at a terminal. Without a terminal nobody is waited for.
+
+    Args:
+        progress: Display of the progress.
+        out: Output folder of the demo.
+        serve: Whether to serve at all.
+
+    Yields:
+        The progress display to use; None if nothing is served.
+    """
+    from splatreel.play.demo_page import has_sample
+
+    if not serve:
+        yield None
+        return
+    try:
+        player = DemoPlayer(progress, out)
+    except UsageError as error:
+        progress.note(f"The reel is made without a player. {error}")
+        yield None
+        return
+    with player.server:
+        if has_sample():
+            say(f"A finished reel of this scene plays at {player.page}")
+            say("Your own reel is being made now. The same page shows it as soon as its first keyframe trains.")
+        else:
+            say(f"Your own reel is being made now. It plays at {player.page} as soon as its first keyframe trains.")
+        say("Ctrl-C loses nothing: the same command continues.", flush=True)
+        if sys.stdout.isatty():
+            open_browser(player.page)
+        yield player

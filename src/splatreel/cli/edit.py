@@ -8,10 +8,8 @@ from typing import Annotated
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from splatreel.base.errors import UsageError
-from splatreel.cli.options import ReelAddress, reel_folder
-from splatreel.cli.outputs import check_out
+from splatreel.cli.options import ReelAddress, ReelTexts, check_out, reel_folder
 from splatreel.cli.printing import already_complete, playable, say
-from splatreel.cli.reel_texts import ReelTexts
 
 
 def edit(
@@ -62,7 +60,7 @@ def edit(
 
 def _edit_texts(reel: str | Path, given: dict[str, str]) -> None:
     """Change texts in place."""
-    from splatreel.codec.description import edit_reel
+    from splatreel.codec.manifest import edit_reel
 
     if not given:
         raise UsageError(
@@ -77,7 +75,6 @@ def _edit_texts(reel: str | Path, given: dict[str, str]) -> None:
 
 
 def _edit_points(reel: str | Path, operations: list[str], out: Path, given: dict[str, str]) -> None:
-    """Write the edited reel."""
     from splatreel.base.display import console
     from splatreel.base.new_folder import is_taken
     from splatreel.edit.clip_writer import write_clip

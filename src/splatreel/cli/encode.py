@@ -7,8 +7,7 @@ from typing import Any
 
 from splatreel.base.errors import UsageError
 from splatreel.cli.info import describe
-from splatreel.cli.options import RunFolder, Set, check_effect, parse_renditions, parse_set
-from splatreel.cli.outputs import check_out, new_reel
+from splatreel.cli.options import RunFolder, Set, check_effect, check_out, new_reel, parse_renditions, parse_set
 from splatreel.cli.printing import already_complete, say
 from splatreel.config import COARSENESS, Codec, Config, EncodeConfig, Rate, Source
 from splatreel.config.settings import changed
@@ -46,10 +45,10 @@ def encode(
         sh_entries: Size of the codebook of view-dependent color; 0 drops it.
         source: Form of the motion that becomes video: ofs, offsets; ori, positions; dif, differences from frame to frame; raw, offsets
             as float32. The web player plays ofs only.
-        settings: Any setting of encode that `splatreel config` lists, such as encode.h265.crf_rotation=30; may be repeated.
+        settings: Any setting of encode that `splatreel config` lists, such as encode.h265.fold=false; may be repeated.
     """
     from splatreel.base.display import console
-    from splatreel.codec.reel_sizes import reel_info
+    from splatreel.codec.inspection import reel_info
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.run.output.reencode import reencode
 

@@ -12,13 +12,13 @@ from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import (
     CaptureAddress,
     ReelAddress,
+    check_out,
     megabytes,
     parse_frames,
     parse_left_out,
     parse_names,
     reel_folder,
 )
-from splatreel.cli.outputs import check_out
 from splatreel.cli.printing import say
 
 
@@ -68,8 +68,8 @@ def evaluate(
     from splatreel.base.display import console
     from splatreel.codec.reader import ReelReader
     from splatreel.evaluation.evaluate import evaluate as compare
+    from splatreel.evaluation.evaluate import uncompressed_frames
     from splatreel.evaluation.reel_capture import open_reel_capture, work_of
-    from splatreel.evaluation.uncompressed import uncompressed_frames
     from splatreel.run.store import Store
 
     place = reel_folder(reel)

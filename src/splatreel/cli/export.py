@@ -11,10 +11,9 @@ from tyro.conf import OmitArgPrefixes, arg
 from splatreel.base.atomic import sweep
 from splatreel.base.errors import UsageError
 from splatreel.base.new_folder import created
-from splatreel.cli.options import AXES, ReelAddress, megabytes, parse_frames, reel_folder
-from splatreel.cli.outputs import check_out
+from splatreel.cli.options import AXES, ReelAddress, check_out, megabytes, parse_frames, reel_folder
 from splatreel.cli.printing import counted, say
-from splatreel.formats.reader_limits import FrameKind, Program, ProgramName
+from splatreel.formats.registry import FrameKind, Program, ProgramName
 
 if TYPE_CHECKING:
     import numpy as np
@@ -102,7 +101,7 @@ def export(
         raise UsageError(f"--every {every}: give a whole number of frames, 1 or more.")
     from splatreel.play.gaussian_export import GaussianExport
     from splatreel.play.timeline import open_reel
-    from splatreel.scene.volume_text import parse_volume
+    from splatreel.scene.volumes import parse_volume
 
     source = open_reel(reel_folder(reel), rendition, megabytes(max_memory))
     crop = None if changes.crop is None else parse_volume("--crop", changes.crop, source.manifest)
@@ -145,7 +144,7 @@ def _kind(out: Path, format: FrameKind | None) -> str | None:
 
 
 def _program(name: ProgramName | None) -> Program | None:
-    from splatreel.formats.reader_limits import PROGRAMS
+    from splatreel.formats.registry import PROGRAMS
 
     return None if name is None else PROGRAMS[name]
 
@@ -277,7 +276,7 @@ def _say_losses(film: GaussianExport, out: Path, kind: str | None) -> None:
 
 
 def _write_page(reel: str, out: Path, rendition: str | None) -> None:
-    from splatreel.play.standalone import write_standalone
+    from splatreel.play.player_page import write_standalone
 
     sweep(out.parent, out.name)
     size = write_standalone(out, reel_folder(reel), rendition)
@@ -286,8 +285,7 @@ def _write_page(reel: str, out: Path, rendition: str | None) -> None:
 
 def _write_film(source: Timeline, times: list[float], out: Path, width: int | None, path: Path | None) -> None:
     from splatreel.base.display import console
-    from splatreel.play.camera_path import read_path
-    from splatreel.play.film import film_along_path, film_through_cameras, write_film
+    from splatreel.play.film import film_along_path, film_through_cameras, read_path, write_film
 
     start = source.manifest.camera
     if width is not None:

@@ -13,11 +13,9 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from splatreel.base.errors import UsageError
 from splatreel.base.threads import use as use_threads
-from splatreel.cli.options import AXES
+from splatreel.cli.options import AXES, ReelTexts, check_out, new_reel
 from splatreel.cli.options import megabytes as memory_limit
-from splatreel.cli.outputs import check_out, new_reel
 from splatreel.cli.printing import already_complete, counted, playable, say
-from splatreel.cli.reel_texts import ReelTexts
 from splatreel.config import COARSENESS, EncodeConfig, Quality, Rate
 
 if TYPE_CHECKING:

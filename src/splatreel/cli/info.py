@@ -1,4 +1,4 @@
-"""`splatreel info`."""
+"""`splatreel info` and `splatreel verify`."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import json as json_format
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from splatreel.cli.options import ReelAddress, reel_folder
-from splatreel.cli.printing import say
+from splatreel.cli.options import ReelAddress, megabytes, reel_folder
+from splatreel.cli.printing import counted, say
 
 if TYPE_CHECKING:
+    from splatreel.codec.inspection import ReelInfo
     from splatreel.codec.manifest import Manifest
     from splatreel.codec.presentation import Sound
-    from splatreel.codec.reel_sizes import ReelInfo
 
 
 def info(reel: ReelAddress, /, rendition: str | None = None, json: bool = False) -> None:
@@ -24,7 +24,7 @@ def info(reel: ReelAddress, /, rendition: str | None = None, json: bool = False)
         rendition: Rendition to look at, for a reel that has several; by default the best.
         json: Print everything as JSON.
     """
-    from splatreel.codec.reel_sizes import reel_info
+    from splatreel.codec.inspection import reel_info
 
     location = reel_folder(reel)
     found = reel_info(location, rendition)
@@ -144,3 +144,21 @@ def rate_chart(manifest: Manifest) -> list[str]:
         bar = "█" * round(BAR * own / top) + "░" * round(BAR * layers / top)
         lines.append(f"  {start:8.2f} s  {own + layers:7.2f}  {bar}".rstrip())
     return lines
+
+
+def verify(reel: ReelAddress, /, max_memory: int | None = None) -> None:
+    """Check that a reel is complete and undamaged: file lengths, digests, and that every file decodes.
+
+    Args:
+        reel: Folder of the reel, or its URL: http(s), s3://BUCKET/REEL and the like (needs splatreel[cloud]).
+        max_memory: Megabytes that decoding a file may take; by default what a correct file of its length needs.
+    """
+    from splatreel.codec.inspection import verify_reel
+
+    location = reel_folder(reel)
+    found = verify_reel(location, megabytes(max_memory))
+    groups, layers = counted(found.groups, "group"), counted(found.layers, "layer")
+    say(f"{location}: complete and undamaged: {groups}, {layers}, {found.points:,} points, {found.bytes:,} bytes")
+    if found.strangers:
+        files = counted(len(found.strangers), "file")
+        say(f"  {files} that the manifest does not name, which players never read: {', '.join(found.strangers[:5])}")

@@ -15,8 +15,13 @@ from tyro.conf import DisallowNone
 from tyro.extras import SubcommandApp
 
 from splatreel import __version__
-from splatreel.base.compile_cache import choose_compile_cache
-from splatreel.base.process import check_address_space, keep_freed_memory, open_standard_streams, quiet_threads
+from splatreel.base.process import (
+    check_address_space,
+    choose_compile_cache,
+    keep_freed_memory,
+    open_standard_streams,
+    quiet_threads,
+)
 from splatreel.base.progress import printable
 from splatreel.cli.capture import (
     capture_board,
@@ -28,23 +33,20 @@ from splatreel.cli.capture import (
 )
 from splatreel.cli.capture_masks import capture_masks
 from splatreel.cli.config import config
-from splatreel.cli.deadline import deadline
 from splatreel.cli.demo import demo
-from splatreel.cli.devices import devices
 from splatreel.cli.edit import edit
 from splatreel.cli.encode import encode
 from splatreel.cli.evaluate import evaluate
 from splatreel.cli.export import export
-from splatreel.cli.failure import explain, interruption, termination
+from splatreel.cli.failure import deadline, explain, interruption, termination
 from splatreel.cli.import_frames import import_frames
-from splatreel.cli.info import info
+from splatreel.cli.info import info, verify
+from splatreel.cli.machine import devices, warmup
 from splatreel.cli.options import check_arguments
 from splatreel.cli.printing import say
 from splatreel.cli.publish import publish
 from splatreel.cli.reconstruct import reconstruct
 from splatreel.cli.serve import serve, view
-from splatreel.cli.verify import verify
-from splatreel.cli.warmup import warmup
 
 _LIBRARY_BYTES = 900_000_000
 """Virtual memory that NumPy, SciPy and their threads take on a small machine."""

@@ -1,24 +1,28 @@
-"""Types and parsers of option values that several verbs share."""
+"""Options that several verbs share: types and parsers of their values, texts of reels, and checks of outputs."""
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, overload
 
 import tyro
+from tyro.conf import arg
 
 from splatreel.base.command_line import quoted
-from splatreel.base.errors import UsageError
-from splatreel.cli.reel_texts import TEXT_OPTIONS
+from splatreel.base.errors import ReelError, UsageError
+from splatreel.base.new_folder import NewFolder, new_folder
 from splatreel.config import COARSENESS, Config, Rate
 from splatreel.config.settings import changed, parse_settings, without_effect
 
 if TYPE_CHECKING:
     from splatreel.capture.opening import CaptureSource
+
 
 AXES = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
 """Directions of --up."""
@@ -41,7 +45,7 @@ ReelFolder = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="REEL")
 CaptureFolder = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="CAPTURE")]
 """Folder of a capture on this machine."""
 
-NewFolder = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OUT")]
+OutFolder = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OUT")]
 """Folder to write."""
 
 CaptureAddress = Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="CAPTURE")]
@@ -269,3 +273,109 @@ def reel_folder(path: str | Path) -> str | Path:
             f"`{quoted(['splatreel', 'reconstruct', folder, '--out', 'OUT'])}`, and give OUT."
         )
     return folder
+
+
+TEXT_OPTIONS = ("--title", "--author", "--description", "--license", "--licence")
+"""Options whose value may be empty."""
+
+
+@dataclass(frozen=True)
+class ReelTexts:
+    """Texts that the player shows about a reel. A text that is not given stays as it is; an empty one is removed."""
+
+    title: str | None = None
+    """Title of the reel, in the player and where a link to it is shared."""
+    author: str | None = None
+    """Author of the reel."""
+    description: str | None = None
+    """A sentence or two about the reel."""
+    licence: Annotated[str | None, arg(name="license")] = None
+    """Terms on which others may use the reel, such as CC-BY-4.0."""
+
+    def given(self) -> dict[str, str]:
+        """Return the given texts, by their names in the manifest.
+
+        Raises:
+            UsageError: A text is too long, or cannot be stored.
+        """
+        from splatreel.codec.presentation import MAX_TEXT, check_text
+
+        found = {name: value.strip() for name, value in dataclasses.asdict(self).items() if value is not None}
+        for name, value in found.items():
+            try:
+                check_text(name, value)
+            except ReelError as error:
+                wrong = f"{len(value)} characters, at most {MAX_TEXT[name]} are possible. Shorten it."
+                if len(value) <= MAX_TEXT[name]:
+                    wrong = "is not text in this terminal's encoding. Enter it again."
+                raise UsageError(f"--{'license' if name == 'licence' else name}: {wrong}") from error
+        return found
+
+
+_ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
+"""Start of an address, of which a path keeps one slash."""
+
+
+def check_out(option: str, out: Path | str, *sources: Path | str, below: bool = True) -> None:
+    """Check the place that a verb writes to, before anything is created.
+
+    Args:
+        option: Name of the option or argument, for messages.
+        out: File or folder to write.
+        *sources: Folders and addresses that the verb reads.
+        below: False allows folders in the sources, such as masks in the folder of a capture.
+
+    Raises:
+        UsageError: `out` is an address, one of the sources, or in one.
+    """
+    path = Path(out)
+    if _ADDRESS.match(path.as_posix()) and not Path(path.parts[0]).exists():
+        address = str(out) if "://" in str(out) else path.as_posix().replace(":/", "://", 1)
+        raise UsageError(
+            f"{option} {address}: is an address, and this command writes to "
+            "this machine only. Name a file or folder here. `splatreel publish FOLDER ADDRESS` copies a reel to an address."
+        )
+    for source in sources:
+        if _ADDRESS.match(Path(source).as_posix()) or not Path(source).is_dir():
+            continue
+        place, read = path.resolve(), Path(source).resolve()
+        if place == read:
+            raise UsageError(f"{option} {out}: is the folder that this command reads. Choose another place.")
+        if below and place.is_relative_to(read):
+            raise UsageError(
+                f"{option} {out}: lies in {source}, which this command reads. Choose a place outside of it."
+            )
+
+
+@contextmanager
+def new_reel(out: Path) -> Iterator[NewFolder]:
+    """Yield a folder to write a reel into: `out`, locked, which may hold what an interrupted command left.
+
+    If `out` holds a finished reel, the folder is a temporary one. Its reel must turn out the same.
+
+    Raises:
+        UsageError: The folder holds another finished reel, or the reel of a run.
+    """
+    from splatreel.run.run_folder import lock_reel
+
+    refusal = _refusal(out)
+    if out.name == "reel" and (out.parent / "work").is_dir() and (out / "manifest.json").is_file():
+        raise refusal
+    if not has_finished_reel(out):
+        with lock_reel(out):
+            if not has_finished_reel(out):
+                yield NewFolder(out)
+                return
+    with new_folder(out, refusal) as made:  # an earlier command, or another process meanwhile, finished the reel
+        yield made
+
+
+def has_finished_reel(folder: Path) -> bool:
+    """Return whether a folder holds a reel that is not being written."""
+    from splatreel.codec.reader import ReelReader
+
+    return (folder / "manifest.json").is_file() and not ReelReader(folder).manifest.live
+
+
+def _refusal(out: Path) -> UsageError:
+    return UsageError(f"--out {out}: holds a reel already. Choose another folder, or delete that reel.")

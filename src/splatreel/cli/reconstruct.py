@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from contextlib import closing
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -11,26 +13,29 @@ from tyro.conf import OmitArgPrefixes, arg
 from splatreel.base.errors import UsageError
 from splatreel.base.threads import use as use_threads
 from splatreel.cli.capture_masks import AUTO, is_complete, make_masks
-from splatreel.cli.follow_options import FollowOptions
 from splatreel.cli.machine_options import MachineOptions
 from splatreel.cli.options import (
     CaptureAddress,
     CaptureOptions,
+    ReelTexts,
     Set,
     check_effect,
     parse_renditions,
     parse_set,
     with_set,
 )
-from splatreel.cli.printing import say
+from splatreel.cli.printing import playable, say
 from splatreel.cli.publish import publishing
-from splatreel.cli.reel_texts import ReelTexts
 from splatreel.config import Codec, Config, Deformation, Quality, Rate, preset
 from splatreel.config.settings import changed
-from splatreel.storage.address import without_secrets
+from splatreel.storage.address import local_path, without_secrets
 
 if TYPE_CHECKING:
+    from splatreel.base.progress import Progress
     from splatreel.capture.opening import CaptureSource
+    from splatreel.run.output.group_writer import PresentationHook
+    from splatreel.run.pipeline import RunSpec
+
 
 Device = Literal["auto", "cpu", "gpu", "cuda"]
 
@@ -130,6 +135,70 @@ class PublishOptions:
     """Hours that files stay there after the reel does not need them any more."""
 
 
+@dataclass(frozen=True)
+class FollowOptions:
+    """Reconstruction of a capture that is still being written (docs/live.md)."""
+
+    follow: bool = False
+    """The capture is still being written: show each group soon after it is filmed (docs/live.md)."""
+    follow_timeout: float = 30.0
+    """With --follow: seconds without a new frame after which the capture has ended."""
+    when_late: Literal["wait", "draft", "skip"] = "wait"
+    """With --follow, if groups take longer to make than they last. wait: make all groups, with a growing delay; draft: use quicker
+    settings until the delay is gone; skip: leave out what was filmed meanwhile, so that nothing moves there."""
+    keep: float | None = None
+    """With --follow: seconds that the reel keeps; all by default."""
+
+    def check(self) -> None:
+        """Check that the options fit together.
+
+        Raises:
+            UsageError: They do not.
+        """
+        changed = [field.name for field in fields(self) if getattr(self, field.name) != field.default]
+        if changed and not self.follow:
+            option = changed[0].replace("_", "-")
+            raise UsageError(f"--{option} is for captures that are still being written. Add --follow, or leave it out.")
+        for option, seconds in (("follow-timeout", self.follow_timeout), ("keep", self.keep)):
+            if seconds is not None and not 0 < seconds < math.inf:
+                raise UsageError(f"--{option} {seconds:g}: give seconds, more than 0.")
+
+    def reconstruct(self, source: CaptureSource, spec: RunSpec, progress: Progress, present: PresentationHook) -> str:
+        """Reconstruct the capture while it is written, and return the closing message.
+
+        Args:
+            source: The capture and how to open it.
+            spec: The run.
+            progress: Display of the progress.
+            present: Adds poster and thumbnails to the reel.
+        """
+        path = local_path(source.path)
+        if path is None:
+            raise UsageError(
+                f"--follow: {source.path} is not a folder of this machine. Run the command on the machine that writes the capture."
+            )
+        from splatreel.capture.follower import Follower, open_growing
+        from splatreel.capture.growth import Growth
+        from splatreel.run.live.following import Live, reconstruct_following
+
+        growth = Growth(path, self.follow_timeout)
+        with (
+            closing(open_growing(path, growth, progress.note, **source.request)) as capture,
+            Follower(capture, growth, progress.note) as follower,
+        ):
+            result = reconstruct_following(
+                follower,
+                spec.out,
+                spec.config,
+                Live(self.when_late, self.keep),
+                sound=spec.sound,
+                device=spec.device,
+                progress=progress,
+                present=present,
+            )
+            return playable(result.reel)
+
+
 def reconstruct(
     capture: CaptureAddress,
     /,
@@ -143,7 +212,7 @@ def reconstruct(
     configuration: OmitArgPrefixes[ConfigOptions] = ConfigOptions(),
     publication: OmitArgPrefixes[PublishOptions] = PublishOptions(),
     machines: OmitArgPrefixes[MachineOptions] = MachineOptions(),  # noqa: B008 - it is frozen
-    following: OmitArgPrefixes[FollowOptions] = FollowOptions(),  # noqa: B008 - it is frozen
+    following: OmitArgPrefixes[FollowOptions] = FollowOptions(),
     texts: OmitArgPrefixes[ReelTexts] = ReelTexts(),  # noqa: B008 - it is frozen
 ) -> None:
     """Reconstruct a capture into a reel. After an interruption, the same command continues.
@@ -178,7 +247,7 @@ def reconstruct(
     if not estimate:
         names = (without_secrets(str(address)) for address in (capture, out))
         say(f"Reconstructing {' into '.join(names)}", flush=True)  # before the imports, which take seconds
-    from splatreel.evaluation.page.report_writer import ReportWriter
+    from splatreel.evaluation.page.report_page import ReportWriter
     from splatreel.kernels.warmup import background_warmup
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.run.pipeline import RunSpec

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import importlib.util
+import os
+import sys
+import threading
+import webbrowser
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from splatreel.base.errors import UsageError
-from splatreel.cli.browser import open_browser
 from splatreel.cli.options import OptionalReel, ReelAddress, megabytes, parse_names, reel_folder
-from splatreel.cli.printing import say
-from splatreel.cli.qr_code import print_qr_code
-from splatreel.play.sample_reel import sample_reel
+from splatreel.cli.printing import print_qr_code, say
+from splatreel.play.demo_page import sample_reel
 
 if TYPE_CHECKING:
-    from splatreel.evaluation.page.served_report import ServedReport
+    from splatreel.evaluation.page.report_page import ServedReport
     from splatreel.play.server import Server
     from splatreel.play.viewer import Viewer
 
@@ -62,12 +64,13 @@ def run_report(reel: str | Path, always: bool = False) -> dict[str, ServedReport
         reel: Folder or address of the reel.
         always: The reel belongs to a run that has not begun yet.
     """
-    from splatreel.evaluation.page.served_report import ServedReport
     from splatreel.storage.address import local_path
 
     folder = local_path(reel)
     if folder is None or importlib.util.find_spec("cv2") is None:
         return {}
+    from splatreel.evaluation.page.report_page import ServedReport
+
     out = folder.resolve().parent
     of_a_run = folder.resolve().name == "reel" and (out / "work").is_dir()
     return {"report.html": ServedReport(out, folder)} if of_a_run or always else {}
@@ -102,8 +105,7 @@ def view(
 
         run(Server(folder, "127.0.0.1", port), browser=open)
     else:
-        from splatreel.play.renderers import draw_on_cpu
-        from splatreel.play.timeline import open_reel
+        from splatreel.play.timeline import draw_on_cpu, open_reel
         from splatreel.play.viewer import Viewer
         from splatreel.run.device_choice import cuda_renderer
 
@@ -137,3 +139,24 @@ def wait_for_viewers(player: Server | Viewer, browser: bool = False, pages: Iter
         player.wait()
     except KeyboardInterrupt:
         say()
+
+
+def has_browser() -> bool:
+    """Return whether a page can be opened in a window. A browser in the terminal would take the terminal over."""
+    if not os.environ.get("BROWSER") and sys.platform not in ("win32", "darwin", "cygwin"):
+        screens = ("DISPLAY", "WAYLAND_DISPLAY", "WSL_DISTRO_NAME")
+        if not any(os.environ.get(name) for name in screens):
+            return False
+    try:
+        webbrowser.get()
+    except webbrowser.Error:
+        return False
+    return True
+
+
+def open_browser(url: str) -> bool:
+    """Open a page in the browser, if there is one. Return whether there is. Nothing waits for the browser to start."""
+    if not has_browser():
+        return False
+    threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+    return True

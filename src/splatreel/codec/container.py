@@ -10,10 +10,48 @@ import numpy as np
 import safetensors.numpy
 
 from splatreel.base.errors import ReelError
-from splatreel.codec import budget
+from splatreel.codec import quantize
 from splatreel.codec.document import parse_object
-from splatreel.codec.quantize import integer, is_whole
-from splatreel.codec.section import Section, Sections
+from splatreel.codec.quantize import Parameters, integer, is_whole
+
+MAX_POINTS = 1 << 23
+"""Maximum number of points in one file."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """Bytes of a section, and the parameters from the header that describe its coding."""
+
+    data: bytes
+    parameters: Parameters
+
+
+Sections = dict[str, Section]
+
+
+def required(sections: Sections, name: str) -> Section:
+    """Return the section of a given name. Raise `ReelError` if it is missing."""
+    if name not in sections:
+        raise ReelError(f"has no section {name!r}.")
+    return sections[name]
+
+
+def section_of(sections: Sections, name: str, codec: str) -> Section:
+    """Return the section of a given name and codec. Raise `ReelError` if it is missing or has another codec."""
+    section = required(sections, name)
+    found = section.parameters.get("codec")
+    if found != codec:
+        raise ReelError(f"section {name!r} has the unknown codec {found!r:.60}, expected {codec!r}.")
+    return section
+
+
+def named(name, function, *arguments):
+    """Call a function and prefix its `ReelError` with the section's name."""
+    try:
+        return function(*arguments)
+    except ReelError as error:
+        raise ReelError(f"section {name!r} {error}") from error
+
 
 VERSION = 1
 """Version of layer and group files. Manifests have their own version."""
@@ -28,9 +66,6 @@ class FileHeader:
 
     Attributes:
         kind: `layer` or `group`.
-        index: Number of the group.
-        points: Number of points.
-        first_frame: First frame of the group.
         frames: Frames of the group; 0 for a layer.
     """
 
@@ -52,7 +87,7 @@ def pack_file(header: FileHeader, sections: Sections) -> bytes:
     tensors = {name: np.frombuffer(section.data, np.uint8) for name, section in sections.items()}
     metadata = {_KEY: json.dumps(own, separators=(",", ":"), allow_nan=False)}
     data = safetensors.numpy.save(tensors, metadata)
-    if short := budget.missing_bytes(header.points, header.frames, sections, len(data)):
+    if short := quantize.missing_bytes(header.points, header.frames, sections, len(data)):
         data = safetensors.numpy.save(tensors | {_PADDING: np.zeros(short, np.uint8)}, metadata)
     return data
 
@@ -60,9 +95,7 @@ def pack_file(header: FileHeader, sections: Sections) -> bytes:
 def unpack_file(data: bytes, most: int | None = None) -> tuple[FileHeader, Sections]:
     """Return the header and sections of a file.
 
-    Args:
-        data: Content of the file.
-        most: Memory in bytes that decoding may take; None uses `budget.allowed_memory`.
+    `most`: Memory in bytes that decoding may take; None uses `quantize.allowed_memory`.
 
     Raises:
         ReelError: The data is not such a file.
@@ -92,7 +125,7 @@ def unpack_file(data: bytes, most: int | None = None) -> tuple[FileHeader, Secti
     )
     body = memoryview(data)[8 + size :]
     sections = {name: Section(_tensor(body, tensors, name), p) for name, p in parameters.items()}
-    budget.check_memory(header.points, header.frames, sections, len(data), most)
+    quantize.check_memory(header.points, header.frames, sections, len(data), most)
     return header, sections
 
 

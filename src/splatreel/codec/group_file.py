@@ -8,23 +8,58 @@ import numpy as np
 
 from splatreel.base.errors import ReelError
 from splatreel.codec import quantize
-from splatreel.codec.budget import check_offset_count, check_offsets
-from splatreel.codec.container import FileHeader, pack_file, unpack_file
-from splatreel.codec.light_section import decode_light, encode_light
+from splatreel.codec.container import (
+    MAX_POINTS,
+    FileHeader,
+    Section,
+    Sections,
+    named,
+    pack_file,
+    section_of,
+    unpack_file,
+)
 from splatreel.codec.paper import offsets as paper_offsets
 from splatreel.codec.paper.gaussians import decode_gaussians, encode_gaussians
-from splatreel.codec.predictive.offsets import decode_offsets, encode_offsets
-from splatreel.codec.predictive.points import decode_points, encode_points, read_precision
+from splatreel.codec.predictive.lod_prediction import Predictor
+from splatreel.codec.predictive.points import (
+    decode_offsets,
+    decode_points,
+    decode_shade,
+    encode_offsets,
+    encode_points,
+    encode_shade,
+    read_precision,
+)
 from splatreel.codec.predictive.precision import COLOR, STEPS, Precision, Steps, choose_precision
-from splatreel.codec.predictive.predictor import Predictor
-from splatreel.codec.predictive.shade import decode_shade, encode_shade
-from splatreel.codec.section import MAX_POINTS, Section, Sections
+from splatreel.codec.quantize import check_offset_count, check_offsets
 from splatreel.config import EncodeConfig
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
-MAX_STATIC = 1 << 26
+_BITS = 12
+"""Bits of the logarithms. If the light halves, a step is a thirtieth of a gray level."""
+MOST = 1024.0
+"""Maximum factor by which the light may brighten or darken."""
+
+
+def _encode_light(light: np.ndarray) -> Sections:
+    """Encode the factors `Group.light`, [T, 3]."""
+    return {"light": Section(*quantize.encode_linear(np.clip(light, 1 / MOST, MOST), _BITS, log=True))}
+
+
+def _decode_light(sections: Sections, frames: int) -> np.ndarray:
+    """Decode the factors, [T, 3] float32. Raise `ReelError` if the section is damaged."""
+    section = section_of(sections, "light", "linear")
+    light = named("light", quantize.decode_linear, section.data, section.parameters, frames, 3)
+    if not ((light > 0.99 / MOST) & (light < 1.01 * MOST)).all():
+        raise ReelError(
+            f"section 'light' has factors from {light.min():.3g} to {light.max():.3g}, not within {MOST:g} of 1."
+        )
+    return light
+
+
+_MAX_STATIC = 1 << 26
 """Maximum number of static points in all layers together."""
 
 
@@ -113,7 +148,7 @@ def encode_group_again(group: Group, precision: Precision | None, directional: b
 
 def _pack_group(group: Group, sections: Sections, order: np.ndarray) -> tuple[bytes, np.ndarray]:
     if group.light is not None:
-        sections |= encode_light(group.light)
+        sections |= _encode_light(group.light)
     if len(group.alive):
         sections["alive"] = Section(*quantize.encode_bits(group.alive))
     header = FileHeader("group", group.index, len(order), group.first_frame, group.frames)
@@ -127,10 +162,7 @@ def _colors(importance: np.ndarray | None) -> np.ndarray | None:
 def decode_layer(data: bytes, source: str, most: int | None = None) -> tuple[FileHeader, Gaussians]:
     """Decode a layer file.
 
-    Args:
-        data: Content of the file.
-        source: Name of the file, for messages.
-        most: Memory limit, see `unpack_file`.
+    `most`: Memory limit, see `unpack_file`.
 
     Raises:
         ReelError: The file is damaged. The message names the file and the section.
@@ -184,7 +216,7 @@ def _decode_group(data: bytes, source: str, most: int | None) -> tuple[Group, Se
         if "shade" in sections and header.points:
             of_shade = predictor or Predictor.in_file_order(header.points)
             shade = decode_shade(sections, header.frames, of_shade)
-        light = decode_light(sections, header.frames) if "light" in sections else None
+        light = _decode_light(sections, header.frames) if "light" in sections else None
         alive = np.zeros(0, bool)
         if "alive" in sections:
             alive = _decode_alive(sections["alive"])
@@ -236,6 +268,6 @@ def _decode_alive(section: Section) -> np.ndarray:
     try:
         if section.parameters.get("codec") != "bits":
             raise ReelError(f"has the unknown codec {section.parameters.get('codec')!r}, expected 'bits'.")
-        return quantize.decode_bits(section.data, section.parameters, MAX_STATIC)
+        return quantize.decode_bits(section.data, section.parameters, _MAX_STATIC)
     except ReelError as error:
         raise ReelError(f"section 'alive' {error}") from error

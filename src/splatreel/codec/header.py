@@ -21,7 +21,6 @@ class ReelHeader:
     """Part of a manifest that is known before the first group (docs/format.md).
 
     Attributes:
-        fps: Frames per second.
         group_length: Frames per group, without the overlap.
         overlap: Frames that a group shares with the next one.
         sh_degree: Highest SH degree.

@@ -16,14 +16,13 @@ import numpy as np
 from av.error import FFmpegError
 
 from splatreel.base.errors import MissingDependencyError, ReelError
-from splatreel.codec.boxes import check_samples
-from splatreel.codec.fragments import PACKET, RATE, initialization, segment
+from splatreel.codec.mp4 import PACKET, RATE, check_samples, initialization, segment
 from splatreel.codec.presentation import Asset, Sound, SoundSegment, Vec3
 from splatreel.codec.writer import ReelWriter
 
 TYPE = 'audio/mp4; codecs="opus"'
 SEGMENT_SECONDS = 2
-BITS_A_SECOND = {1: 64_000, 2: 112_000}
+_BITS_A_SECOND = {1: 64_000, 2: 112_000}
 """Bit rate by number of channels, at which few listeners hear a difference to the original."""
 PREROLL = 0.08
 """Seconds after which a decoder that starts in the middle gives the same samples (RFC 7845)."""
@@ -39,8 +38,6 @@ class EncodedSound:
     """Sound files of a reel. Segment i starts at i * `SEGMENT_SECONDS`.
 
     Attributes:
-        channels: Number of channels.
-        init: Initialization file.
         segments: Segments in order.
         samples: Number of samples, in whole packets.
     """
@@ -74,7 +71,7 @@ class SoundEncoder:
         except (ValueError, FFmpegError) as error:
             raise MissingDependencyError("PyAV has no libopus encoder. Install the `av` wheel from PyPI.") from error
         context.sample_rate, context.layout, context.format = RATE, "mono" if channels == 1 else "stereo", "flt"  # type: ignore[attr-defined]
-        context.bit_rate = BITS_A_SECOND[channels]
+        context.bit_rate = _BITS_A_SECOND[channels]
         context.options = {"application": "audio", "vbr": "on", "frame_duration": "20"}
         context.open()
         self.channels = channels
@@ -197,7 +194,7 @@ def write_sound(writer: ReelWriter, sound: EncodedSound | None, position: Vec3 |
     manifest, before = writer.manifest, writer.manifest.presentation
     described = describe_sound(sound, position).trimmed_before(manifest.first_frame / manifest.fps) if sound else None
     named = {asset.uri for asset in described.assets} if described else set()
-    contents = {uri: data for uri, data in sound_files(sound).items() if uri in named} if sound else {}
+    contents = {uri: data for uri, data in _sound_files(sound).items() if uri in named} if sound else {}
     if before.sound == described and _are_there(writer.path, contents):
         return
     writer.present(replace(before, sound=None))
@@ -206,8 +203,7 @@ def write_sound(writer: ReelWriter, sound: EncodedSound | None, position: Vec3 |
     writer.present(replace(before, sound=described))
 
 
-def sound_files(sound: EncodedSound) -> dict[str, bytes]:
-    """Return the sound files by URI."""
+def _sound_files(sound: EncodedSound) -> dict[str, bytes]:
     segments = {f"sound/{index:04d}.m4s": data for index, data in enumerate(sound.segments)}
     return {"sound/init.mp4": sound.init} | segments
 
@@ -215,7 +211,7 @@ def sound_files(sound: EncodedSound) -> dict[str, bytes]:
 def describe_sound(sound: EncodedSound, position: Vec3 | None) -> Sound:
     """Return the manifest's description of sound."""
     init, *assets = (
-        Asset(uri, len(data), hashlib.sha256(data).hexdigest()) for uri, data in sound_files(sound).items()
+        Asset(uri, len(data), hashlib.sha256(data).hexdigest()) for uri, data in _sound_files(sound).items()
     )
     segments = tuple(SoundSegment(asset, *sound.span(index)) for index, asset in enumerate(assets))
     return Sound(TYPE, RATE, sound.channels, init, segments, position)

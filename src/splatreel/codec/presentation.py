@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from splatreel.base.errors import ReelError
 from splatreel.codec.quantize import integer, number, numbers
 
-MAX_ASSET_BYTES = 64 << 20
+_MAX_ASSET_BYTES = 64 << 20
 """Maximum size of an image or sound file."""
 MAX_TEXT = {"title": 200, "author": 200, "description": 2000, "licence": 200}
 """Maximum number of characters of each text."""
@@ -54,7 +54,6 @@ class Thumbnails:
         columns: Images per row of a sheet.
         rows: Rows of a sheet.
         seconds: Time between images.
-        count: Number of images.
         sheets: JPEGs of columns x rows images, row by row. All but the last are full.
     """
 
@@ -81,10 +80,6 @@ class Sound:
     """Sound as fragmented MP4. `init`, followed by any consecutive segments, is a stream of MIME type `type`.
 
     Attributes:
-        type: MIME type.
-        rate: Samples per second.
-        channels: Number of channels.
-        init: Initialization file.
         segments: Segments in order of time.
         position: Position of the source, world units; None if the sound has no position.
     """
@@ -222,7 +217,7 @@ def _parse_text(document: dict[str, Any], name: str) -> str:
 def _parse_asset(entry: object) -> Asset:
     if not isinstance(entry, dict):
         raise ReelError("has a file entry that is not an object.")
-    return Asset(parse_uri(entry), integer(entry, "bytes", 1, MAX_ASSET_BYTES), parse_digest(entry))
+    return Asset(parse_uri(entry), integer(entry, "bytes", 1, _MAX_ASSET_BYTES), parse_digest(entry))
 
 
 def _parse_assets(value: object) -> tuple[Asset, ...]:

@@ -19,8 +19,7 @@ from splatreel.base.process import steady_clock
 from splatreel.base.progress import Progress, Silent
 from splatreel.base.untrusted import open_regular
 from splatreel.codec.document import in_lines, parse_object
-from splatreel.codec.manifest import MANIFEST, MAX_BYTES, parse_manifest
-from splatreel.codec.manifest_pages import Known
+from splatreel.codec.manifest import MANIFEST, MAX_BYTES, Known, parse_manifest
 from splatreel.storage.address import PAUSES, Address
 from splatreel.storage.transport import Headers
 

@@ -11,10 +11,8 @@ from typing import overload
 import numpy as np
 
 from splatreel.base.errors import ReelError, UsageError
-from splatreel.codec.file_entry import FileEntry
 from splatreel.codec.group_file import decode_group, decode_layer
-from splatreel.codec.manifest import MANIFEST, MAX_BYTES, Manifest, parse_manifest
-from splatreel.codec.manifest_pages import Fetch
+from splatreel.codec.manifest import MANIFEST, MAX_BYTES, Fetch, FileEntry, Manifest, parse_manifest
 from splatreel.codec.presentation import Asset
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group

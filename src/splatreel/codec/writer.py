@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -11,22 +12,88 @@ import numpy as np
 
 from splatreel.base.atomic import remove, write_bytes
 from splatreel.base.errors import ReelError
+from splatreel.base.untrusted import open_regular
 from splatreel.codec.encoder import EncodedLayer, ReelEncoder
-from splatreel.codec.file_entry import FileEntry, birth_order
 from splatreel.codec.group_file import decode_group, decode_layer
 from splatreel.codec.header import ReelHeader
-from splatreel.codec.manifest import MANIFEST, Manifest, parse_manifest
-from splatreel.codec.manifest_pages import MAX_PAGE_GROUPS, PAGE, make_page
-from splatreel.codec.presentation import EMPTY, Asset, Presentation
-from splatreel.codec.written_reel import (
-    find_leftover_files,
-    first_damaged_group,
-    is_intact,
-    read_written_manifest,
+from splatreel.codec.manifest import (
+    MANIFEST,
+    MAX_BYTES,
+    MAX_PAGE_GROUPS,
+    PAGE,
+    FileEntry,
+    Manifest,
+    birth_order,
+    make_page,
+    parse_manifest,
 )
+from splatreel.codec.presentation import EMPTY, Asset, Presentation
 from splatreel.config import EncodeConfig
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
+from splatreel.storage.address import Address
+
+_NUMBERED = re.compile(r"(?:layers|groups|pages)/(\d+)(?:\.[A-Za-z0-9_-]+)?\.(?:safetensors|json)")
+
+
+def read_written_manifest(folder: Path) -> Manifest | None:
+    """Return the manifest in a folder up to its first damaged page, or None without a manifest.
+
+    Raises:
+        ReelError: The manifest is invalid or cannot be read.
+    """
+    file = folder / MANIFEST
+    try:
+        with open_regular(file, ReelError) as opened:
+            data = opened.read(MAX_BYTES + 1)
+        return parse_manifest(data, str(file), Address(folder, ReelError).fetch, whole=False)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise ReelError(f"{file}: cannot be read ({error.strerror}). Make it readable or delete it.") from error
+
+
+def _first_damaged_group(folder: Path, manifest: Manifest) -> int:
+    """Return the number of the first group with a damaged file or layer, or of the next group if all are intact.
+
+    Raises:
+        ReelError: A file cannot be read.
+    """
+    broken = [entry.group for entry in manifest.files if not _is_intact(folder, entry)]
+    return max(min(broken, default=manifest.end_group), manifest.first_group)
+
+
+def _is_intact(folder: Path, entry: FileEntry | Asset) -> bool:
+    """Return whether a file has the length and digest of its entry. Raise `ReelError` if it cannot be read."""
+    path, digest = folder / entry.uri, hashlib.sha256()
+    try:
+        if path.stat().st_size != entry.bytes:
+            return False
+        with open_regular(path, ReelError) as file:
+            while part := file.read(1 << 20):
+                digest.update(part)
+    except FileNotFoundError:
+        return False
+    except OSError as error:
+        raise ReelError(f"{path}: cannot be read ({error.strerror}). Make it readable or delete it.") from error
+    return digest.hexdigest() == entry.sha256
+
+
+def _find_leftover_files(folder: Path, manifest: Manifest, cut: bool) -> list[str]:
+    """Return files of dropped groups, and pages, that a killed writer did not delete.
+
+    `cut`: Include files after the last group.
+    """
+    found, named = [], manifest.uris
+    for path in (path for kind in ("layers", "groups", "pages") for path in (folder / kind).glob("*")):
+        uri = path.relative_to(folder).as_posix()
+        name = _NUMBERED.fullmatch(uri)
+        if not name or uri in named:
+            continue
+        number = int(name[1])
+        if uri.startswith("pages/") or number < manifest.first_group or (cut and number >= manifest.end_group):
+            found.append(uri)
+    return sorted(found)
 
 
 class ReelWriter:
@@ -87,9 +154,9 @@ class ReelWriter:
         if cut := written.paged == len(written.groups):  # a damaged page, and everything after it, is missing
             self._write_manifest(self._manifest)
         if keep:
-            for uri in find_leftover_files(self.path, self._manifest, cut):
+            for uri in _find_leftover_files(self.path, self._manifest, cut):
                 self._delete(uri)
-        self._drop_from(first_damaged_group(self.path, self._manifest) if keep else written.first_group)
+        self._drop_from(_first_damaged_group(self.path, self._manifest) if keep else written.first_group)
         if not self._manifest.groups:
             first = first_group if first_group is not None or not keep else written.first_group
             self._manifest = replace(self._manifest, first_group=first or 0)
@@ -113,7 +180,7 @@ class ReelWriter:
     ) -> tuple[Gaussians, np.ndarray]:
         """Encode static points born at a group. They appear in the manifest together with that group.
 
-        A large layer is written in parts, each a layer of its own (`layer_parts`). A group may have several layers, the
+        A large layer is written in parts, each a layer of its own (`encoder.split_layer`). A group may have several layers, the
         longest-lived first. Before the first group of a reel that starts later,
         layers may be of any earlier group. Train on the returned points: later groups then compensate for the coding
         error.
@@ -236,7 +303,7 @@ class ReelWriter:
         """Remove images and sound with a damaged file; the caller creates them again."""
         names = {name for name in ("poster", "thumbnails", "sound") if getattr(presentation, name) is not None}
         alone = {name: replace(EMPTY, **{name: getattr(presentation, name)}) for name in names}
-        damaged = [name for name in names if not all(is_intact(self.path, asset) for asset in alone[name].assets)]
+        damaged = [name for name in names if not all(_is_intact(self.path, asset) for asset in alone[name].assets)]
         return replace(presentation, **dict.fromkeys(damaged))
 
     def _check_next(self, group: int) -> None:

@@ -1,15 +1,19 @@
-"""Settings by name, such as `group.lambda_arap`: their documentation, and configs with some of them changed."""
+"""Settings by name, such as `group.lambda_arap`: their documentation, and configs with some of them changed.
+
+Records of runs, `run.json` and `oracle.json`, hold settings of the version that wrote them.
+"""
 
 from __future__ import annotations
 
 import ast
+import copy
 import dataclasses
 import difflib
+import functools
 import inspect
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
 from operator import attrgetter
 from typing import Any, TypeVar, cast, get_type_hints
 
@@ -22,6 +26,29 @@ NEAREST = 3
 """Number of names that an error suggests."""
 LIKE = 0.7
 """Least similarity of suggested names, 0..1, as difflib measures it."""
+
+ADDED_SETTINGS: dict[str, Any] = {
+    "layering.enabled": True,
+    "region": "",
+    "keyframe.detail": False,
+}
+"""Settings added since 0.1.0, by name, with the value that changes nothing. A file without such a setting gets this value."""
+FORMER_DEFAULTS: dict[str, Any] = {
+    "keyframe.first_iterations": 2000,
+    "keyframe.coarse_share": 0.5,
+    "keyframe.detail": False,
+}
+"""Defaults of 0.1.0 that have changed, by name. A run that began with them continues with them."""
+REMOVED_SETTINGS: dict[str, Any] = {
+    "group.lambda_dssim": 0.2,
+    "layering.flow_threshold": 2.0,
+    "layering.lambda_nn": 0.5,
+    "layering.lambda_dyn": 0.3,
+    "layering.adapt_gradient": 3e-4,
+    "layering.adapt_neighbors": 0.6,
+    "encode.h265.crf_rotation": None,
+}
+"""Settings of earlier versions, by name, with the value that they always have now. A file may have it."""
 
 
 @dataclass(frozen=True)
@@ -72,13 +99,13 @@ def _unmet(need: Needs, config: Config) -> tuple[str, Needs] | None:
     return None if second is None else (f"{found[0]} and {second[0]}", need)
 
 
-@cache
+@functools.cache
 def settings() -> dict[str, Setting]:
     """Return all settings by name, in the order of the classes."""
     return {setting.name: setting for setting in _settings_of(Config, "")}
 
 
-@cache
+@functools.cache
 def sections() -> dict[str, str]:
     """Return the purpose of each section by name, in the order of the classes. General settings have an empty section name."""
     return dict(_sections_in(Config, ""))
@@ -159,6 +186,10 @@ def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
         name = name.strip()
         if not equals:
             raise UsageError(f"{text!r:.60} has no value. Write NAME=VALUE, such as group.lambda_arap=0.")
+        if name in REMOVED_SETTINGS:
+            raise UsageError(
+                f"{name} is not a setting any more: it is {shown(REMOVED_SETTINGS[name])} in every run. Leave it out."
+            )
         if name not in settings():
             raise UsageError(f"{name!r:.60} is not a setting. {_suggestion(name)}`splatreel config` lists all.")
         if name in found:
@@ -178,3 +209,56 @@ def _suggestion(name: str) -> str:
         near = [known for end in alike for known, its in ends.items() if its == end]
         near += difflib.get_close_matches(name, settings(), NEAREST, LIKE)
     return f"Did you mean {' or '.join(list(dict.fromkeys(near))[:NEAREST])}? " if near else ""
+
+
+def complete_settings(recorded: Any, added: Mapping[str, Any] = ADDED_SETTINGS) -> dict[str, Any]:
+    """Return recorded settings, nested as `Config.to_json` writes them, as this version has them.
+
+    Those that their version did not have yet are added. Removed ones are left out if they have the value that is fixed now.
+
+    Args:
+        recorded: The settings of a file; anything but a dictionary has none.
+        added: Values of missing settings, by name, such as `group.lambda_arap`.
+    """
+    found = copy.deepcopy(recorded) if isinstance(recorded, dict) else {}
+    for name, value in REMOVED_SETTINGS.items():
+        *sections, last = name.split(".")
+        place = functools.reduce(
+            lambda outer, section: outer.get(section) if isinstance(outer, dict) else None, sections, found
+        )
+        if isinstance(place, dict) and last in place and place[last] == value:
+            del place[last]
+    for name, value in added.items():
+        *sections, last = name.split(".")
+        place = found
+        for section in sections:
+            place = place.setdefault(section, {})
+            if not isinstance(place, dict):
+                break
+        else:
+            place.setdefault(last, value)
+    return found
+
+
+def with_former_defaults(config: Config, recorded: Any) -> Config:
+    """Return the settings with which a run continues: those asked for, and defaults of the version that began the run.
+
+    A setting keeps its former default if the run has this value and the settings asked for have the present default.
+
+    Args:
+        config: Settings asked for.
+        recorded: Settings of the run's file, see `complete_settings`; None without a run.
+    """
+    if not isinstance(recorded, dict):
+        return config
+    values, usual = complete_settings(recorded), Config()
+    known = {name: setting.of(config) for name, setting in settings().items() if name in FORMER_DEFAULTS}
+    kept = {name: FORMER_DEFAULTS[name] for name, value in known.items() if value == settings()[name].of(usual)}
+    return changed(config, {name: value for name, value in kept.items() if _value(values, name) == value})
+
+
+def _value(values: dict[str, Any], name: str) -> Any:
+    """Return a nested value by its name, such as `keyframe.detail`; None if there is none."""
+    section, _, last = name.rpartition(".")
+    inner = values.get(section) if section else values
+    return inner.get(last) if isinstance(inner, dict) else None

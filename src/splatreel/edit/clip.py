@@ -2,19 +2,91 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from splatreel.codec.header import ReelHeader
+from splatreel.codec.mp4 import RATE
 from splatreel.codec.predictive.precision import Precision
 from splatreel.codec.presentation import Limits, Sound, Vec3
 from splatreel.codec.reader import ReelReader
-from splatreel.edit.sound_pieces import SoundPiece, read_pieces
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
+
+Read = Callable[[float, float], np.ndarray]
+"""Function from start and duration in seconds to samples [n, channels] float32."""
+
+
+@dataclass(frozen=True)
+class SoundPiece:
+    """Part of a sound.
+
+    Attributes:
+        read: Samples of its source; None for silence.
+        seconds: Duration; infinite for the last piece of a sound whose end does not matter.
+        start: Time of the source, in seconds, at the piece's beginning.
+        backwards: True if time runs backwards in the source.
+    """
+
+    read: Read | None
+    seconds: float = float("inf")
+    start: float = 0.0
+    backwards: bool = False
+
+    def part(self, begin: float, seconds: float) -> SoundPiece:
+        """Return a part of the piece."""
+        start = self.start - begin if self.backwards else self.start + begin
+        return replace(self, start=start, seconds=seconds)
+
+    def reversed(self) -> SoundPiece:
+        """Return the piece backwards."""
+        start = self.start - self.seconds if self.backwards else self.start + self.seconds
+        return replace(self, start=start, backwards=not self.backwards)
+
+    def samples(self, begin: float, count: int, channels: int) -> np.ndarray:
+        """Return `count` samples from a time on, [count, channels]."""
+        if self.read is None or not count:
+            return np.zeros((count, channels), np.float32)
+        seconds = count / RATE
+        start = self.start - begin - seconds if self.backwards else self.start + begin
+        found = self.read(start, seconds)
+        return np.broadcast_to(found[::-1] if self.backwards else found, (count, channels))
+
+
+def part_of(pieces: Sequence[SoundPiece], first: float, end: float = float("inf")) -> tuple[SoundPiece, ...]:
+    """Return the pieces between two times."""
+    parts, begin = [], 0.0
+    for piece in pieces:
+        low, high = max(first - begin, 0.0), min(end - begin, piece.seconds)
+        if low < high:
+            parts.append(piece.part(low, high - low))
+        begin += piece.seconds
+    return tuple(parts)
+
+
+def padded(pieces: Sequence[SoundPiece], seconds: float) -> tuple[SoundPiece, ...]:
+    """Return the pieces up to a time, with silence where they end earlier."""
+    parts = part_of(pieces, 0.0, seconds)
+    missing = seconds - sum(piece.seconds for piece in parts)
+    return (*parts, SoundPiece(None, missing)) if missing > 0 else parts
+
+
+def _read_pieces(pieces: Sequence[SoundPiece], channels: int, start: float, seconds: float) -> np.ndarray:
+    """Return samples [n, channels] of a range of the pieces, with silence after their end."""
+    first = round(start * RATE)
+    last = first + max(round(seconds * RATE), 0)
+    found, begin = [np.zeros((0, channels), np.float32)], 0.0
+    for piece in (*pieces, SoundPiece(None)):
+        end = begin + piece.seconds
+        border = last if end == float("inf") else min(max(round(end * RATE), first), last)
+        found.append(piece.samples(first / RATE - begin, border - first, channels))
+        first, begin = border, end
+        if first == last:
+            break
+    return np.concatenate(found)
 
 
 @dataclass(frozen=True)
@@ -61,7 +133,7 @@ class ClipSound:
 
     def read(self, start: float, seconds: float) -> np.ndarray:
         """Return samples [n, channels] float32, from a start and a duration in seconds."""
-        return read_pieces(self.pieces, self.channels, start, seconds)
+        return _read_pieces(self.pieces, self.channels, start, seconds)
 
 
 @dataclass(frozen=True)
@@ -70,7 +142,6 @@ class Outline:
 
     Attributes:
         name: Name of the reel, for messages.
-        header: Header of the reel.
         limits: Limits of the views.
         texts: Title, author, description and license.
         renditions: Names of the renditions, best first; empty for one.
@@ -190,3 +261,60 @@ def shown_points(clip: Clip, index: int, frame: float) -> tuple[Gaussians, dict[
         start += len(parts[-1])
     parts.append(found.group.at(frame))
     return Gaussians.concatenate(parts), places, slice(start, start + len(parts[-1]))
+
+
+class ChangedClip:
+    """Clip that changes what another clip returns. By default nothing changes.
+
+    A long edit is a long chain of such clips. Layers and groups pass through the chain in a loop, so that the depth of
+    the call stack does not depend on the number of operations.
+    """
+
+    outline: Outline
+
+    def __init__(self, clip: Clip, outline: Outline | None = None) -> None:
+        self._clip = clip
+        self.outline = clip.outline if outline is None else outline
+
+    def layer_origin(self, index: int) -> tuple[Clip, int]:
+        """Return the clip that a layer comes from, and its index there."""
+        return self._clip, index
+
+    def group_origin(self, index: int) -> tuple[Clip, int]:
+        """Return the clip that a group comes from, and its index there."""
+        return self._clip, index
+
+    def change_layer(self, index: int, layer: ClipLayer) -> ClipLayer:
+        """Return a layer after the change, from that of its origin."""
+        return layer
+
+    def change_group(self, index: int, found: ClipGroup) -> ClipGroup:
+        """Return a group after the change, from that of its origin."""
+        return found
+
+    def layer(self, index: int) -> ClipLayer:
+        """Return a layer, decoded."""
+        chain, clip, at = _origin(self, index, lambda changed, number: changed.layer_origin(number))
+        found = clip.layer(at)
+        for changed, number in reversed(chain):
+            found = changed.change_layer(number, found)
+        return found
+
+    def group(self, index: int, rendition: str | None = None) -> ClipGroup:
+        """Return a group, decoded; by default the best rendition."""
+        chain, clip, at = _origin(self, index, lambda changed, number: changed.group_origin(number))
+        found = clip.group(at, rendition)
+        for changed, number in reversed(chain):
+            found = changed.change_group(number, found)
+        return found
+
+
+def _origin(
+    clip: Clip, index: int, origin: Callable[[ChangedClip, int], tuple[Clip, int]]
+) -> tuple[list[tuple[ChangedClip, int]], Clip, int]:
+    """Return the chain of changes from a clip down, each with the index there, and the unchanged clip with the index there."""
+    chain = []
+    while isinstance(clip, ChangedClip):
+        chain.append((clip, index))
+        clip, index = origin(clip, index)
+    return chain, clip, index

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,16 +10,89 @@ import numpy as np
 
 from splatreel.base.errors import ReelError, UsageError
 from splatreel.base.new_folder import is_taken, new_folder
+from splatreel.capture.capture_sound import channels, read_sound
 from splatreel.codec.group_file import encode_group_again, encode_layer_again
+from splatreel.codec.mp4 import RATE
+from splatreel.codec.opus_sound import encode_sound, write_sound
 from splatreel.codec.predictive.precision import STEPS, Precision, choose_precision
 from splatreel.codec.presentation import EMPTY
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import COARSENESS, EncodeConfig, Rate
-from splatreel.edit.clip import Clip, ClipGroup, LayerSpan
-from splatreel.edit.clip_sound import write_clip_sound
+from splatreel.edit.clip import Clip, ClipGroup, ClipSound, LayerSpan, Outline, SoundPiece
 from splatreel.play.presentation_writer import PresentationWriter
 from splatreel.scene.gaussians import Gaussians
+
+BLOCK = 2.0
+"""Seconds that are read at a time."""
+
+
+class _FileSound:
+    """Samples of a sound file from `start` seconds on; a negative start is silence first."""
+
+    def __init__(self, file: Path, start: float) -> None:
+        self.file = file
+        self.start = start
+        self.channels = channels(file)
+        if not self.channels:
+            raise UsageError(f"sound={file}: has no sound. Name another file, or none.")
+        self._blocks: Iterator[np.ndarray] = iter(())
+        self._next = -1
+        self._rest = np.zeros((0, self.channels), np.float32)
+
+    def read(self, start: float, seconds: float) -> np.ndarray:
+        """Return samples [n, channels] of a range. Ranges that follow each other are read once from the file."""
+        first, count = round((self.start + start) * RATE), max(round(seconds * RATE), 0)
+        silence = min(max(-first, 0), count)
+        first, count = first + silence, count - silence
+        if first != self._next:
+            self._blocks = read_sound(self.file, self.channels, RATE, first / RATE)
+            self._rest = self._rest[:0]
+        while len(self._rest) < count and (block := next(self._blocks, None)) is not None:
+            self._rest = np.concatenate([self._rest, block])
+        found, self._rest, self._next = self._rest[:count], self._rest[count:], first + count
+        ends = np.zeros((silence, self.channels)), np.zeros((count - len(found), self.channels))
+        return np.concatenate([ends[0], found, ends[1]]).astype(np.float32)
+
+
+def replace_sound(outline: Outline, file: Path | None, start: float = 0.0) -> Outline:
+    """Return the facts of a clip with the sound of a file, or with none.
+
+    Args:
+        outline: Facts of the clip.
+        file: Sound or video file; None removes the sound.
+        start: Seconds of the file that are skipped; negative for silence before it.
+
+    Raises:
+        CaptureError: The file cannot be read.
+        UsageError: The file has no sound.
+    """
+    if file is None:
+        return replace(outline, sound=None)
+    sound = _FileSound(file, start)
+    return replace(outline, sound=ClipSound(sound.channels, None, (SoundPiece(sound.read),)))
+
+
+def _write_clip_sound(writer: ReelWriter, outline: Outline) -> None:
+    """Write the sound of a clip into a reel that has all its groups. The files of an unchanged sound are copied."""
+    sound = outline.sound
+    if sound is None:
+        return
+    if sound.files is None:
+        write_sound(writer, encode_sound(_blocks(sound, outline.seconds), sound.channels), sound.position)
+        return
+    reader, described = sound.files
+    for asset in described.assets:
+        writer.write_asset(asset.uri, reader.read_file(asset))
+    described = replace(described, position=sound.position)
+    writer.present(replace(writer.manifest.presentation, sound=described))
+
+
+def _blocks(sound: ClipSound, seconds: float) -> Iterator[np.ndarray]:
+    """Yield all samples in blocks, without a gap between their rounded times."""
+    count, size = round(seconds * RATE), round(BLOCK * RATE)
+    for first in range(0, count, size):
+        yield sound.read(first / RATE, min(size, count - first) / RATE)
 
 
 def write_clip(clip: Clip, out: Path, progress: Callable[[int], None] = lambda done: None) -> int:
@@ -68,8 +141,6 @@ def _is_alike(folder: Path, clip: Clip) -> bool:
 
 
 class _ClipWriter:
-    """Writer of one clip into a folder."""
-
     def __init__(self, clip: Clip, place: Path) -> None:
         outline = clip.outline
         self.clip = clip
@@ -91,7 +162,7 @@ class _ClipWriter:
                 f"{self.outline.name}: no point is left after these operations. Choose a larger volume or less."
             )
         self.writer.present(replace(EMPTY, **self.outline.texts, limits=self.outline.limits))
-        write_clip_sound(self.writer, self.outline)
+        _write_clip_sound(self.writer, self.outline)
         PresentationWriter()(self.writer, None)
         self.writer.finish()
         return sum(file.bytes for file in self.writer.manifest.files)

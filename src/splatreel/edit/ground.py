@@ -15,24 +15,63 @@ from scipy.spatial import KDTree
 from splatreel.base.errors import UsageError
 from splatreel.capture.opening import open_capture
 from splatreel.capture.reading import median_images
-from splatreel.edit.changed_clip import ChangedClip
-from splatreel.edit.clip import Clip, ClipGroup, ClipLayer, LayerSpan, shown_points
-from splatreel.scene.camera import Camera
-from splatreel.scene.gaussians import C0, Gaussians
-from splatreel.scene.projection import inside, project
-from splatreel.scene.turning import turn_between
+from splatreel.edit.clip import ChangedClip, Clip, ClipGroup, ClipLayer, LayerSpan, shown_points
+from splatreel.scene import rotations
+from splatreel.scene.camera import Camera, inside, project
+from splatreel.scene.gaussians import C0, Gaussians, turn_between
+from splatreel.scene.volumes import CaptureVolume
+
+FLAT = 0.8
+"""Cosine between up and the thinnest axis above which a point is part of a horizontal surface."""
+BINS = 200
+"""Heights that are told apart, between the lowest and the highest horizontal surface."""
+FEWEST = 20
+"""Number of horizontal points below the cameras' focus that a floor has."""
+
+
+def floor_height(clip: Clip) -> float:
+    """Return the height along `up` of the largest horizontal surface below the focus, at the first frame.
+
+    Points count by their area and opacity. At least two cameras have them in their images.
+
+    Raises:
+        UsageError: There is no horizontal surface.
+    """
+    header = clip.outline.header
+    points, _, _ = shown_points(clip, 0, 0.0)
+    cameras = header.cameras
+    seen = CaptureVolume(cameras, header.near, 2 / max(len(cameras), 2)).contains(points.means)
+    points = points[seen] if seen.any() else points
+    thinnest = points.scales.argmin(1)
+    normals = rotations.to_matrix(points.quats)[np.arange(len(points)), :, thinnest]
+    heights = points.means @ header.up
+    flat = (np.abs(normals @ header.up) > FLAT) & (heights < clip.outline.focus @ header.up)
+    if flat.sum() < FEWEST:
+        raise UsageError(
+            f"floor: {clip.outline.name} shows no floor below the middle of the scene. Write move=X,Y,Z with the shift instead, or "
+            "turn the scene upright first (rotate)."
+        )
+    areas = np.sort(points.scales[flat], axis=1)[:, 1:].prod(1) * points.opacities[flat]
+    heights = heights[flat]
+    low, high = np.quantile(heights, [0.001, 0.999])
+    sums, edges = np.histogram(heights, BINS, (low, max(high, low + 1e-9)), weights=areas)
+    smooth = np.convolve(sums, [0.5, 1, 0.5], "same")
+    best = int(smooth.argmax())
+    near = np.abs(heights - (edges[best] + edges[best + 1]) / 2) <= edges[1] - edges[0]
+    return float(np.average(heights[near], weights=np.maximum(areas[near], 1e-30)))
+
 
 MOMENTS = 15
 """Number of frames whose median is the clean plate of a camera."""
-FEET = 0.01
+_FEET = 0.01
 """Share of the subject's points that may be below its feet: strays, and shadows in masks."""
 MARGIN = 0.6
 """Width of the ground around the subject, in heights of the subject."""
-SOFT = 0.35
+_SOFT = 0.35
 """Share of this width at the edge, over which the ground fades."""
 SEARCHED = 0.12
 """Height above and below the feet in which the plane is searched, in heights of the subject."""
-FARTHER = 0.1
+_FARTHER = 0.1
 """Disagreement, 0..1, that counts as much as the whole searched height."""
 PIXELS = 1.5
 """Distance of two points, pixels of a typical camera."""
@@ -45,9 +84,7 @@ MOST = 30_000
 class Grounded(ChangedClip):
     """Clip with one more layer, which all groups show.
 
-    Args:
-        clip: The clip.
-        ground: Points of the layer.
+    `ground`: Points of the layer.
     """
 
     def __init__(self, clip: Clip, ground: Gaussians) -> None:
@@ -83,9 +120,7 @@ class _Layer:
 def with_ground(clip: Clip, path: str | Path) -> Clip:
     """Return a clip of a subject with the ground of its capture.
 
-    Args:
-        clip: The clip.
-        path: Folder or address of the capture.
+    `path`: Folder or address of the capture.
 
     Raises:
         CaptureError: The capture cannot be used.
@@ -151,7 +186,7 @@ class _Plane:
         right = right - (right @ up) * up
         right /= np.linalg.norm(right)
         axes = np.stack([right, np.cross(up, right), up])
-        low, high = np.quantile(points @ axes.T, [FEET, 1 - FEET], axis=0)
+        low, high = np.quantile(points @ axes.T, [_FEET, 1 - _FEET], axis=0)
         height = float(high[2] - low[2])
         center = np.array([*(low + high)[:2] / 2, low[2]]) @ axes
         return _Plane(center, up, right, (high - low)[:2] / 2 + MARGIN * height, height)
@@ -200,7 +235,7 @@ def _best(plane: _Plane, cameras: list[Camera], plates: np.ndarray) -> _Plane:
         known = np.where(seen[..., None], colors, np.nan)[:, several]
         known = known - np.nanmedian(known, axis=(1, 2), keepdims=True)  # exposures differ
         away = abs((candidate.center - plane.center) @ plane.up) / (SEARCHED * plane.height)
-        return float(np.median(np.nanstd(known, 0).mean(-1)) + FARTHER / 10 * away)
+        return float(np.median(np.nanstd(known, 0).mean(-1)) + _FARTHER / 10 * away)
 
     best = plane
     for fine in (1.0, 0.3):
@@ -229,7 +264,7 @@ def _gaussians(plane: _Plane, cameras: list[Camera], plates: np.ndarray, near: f
     near_known = distance[:, 0] < HOLE * plane.height
     places, out, color = places[near_known], out[near_known], color[near_known]
     count = len(places)
-    fade = np.clip((1 - out) / SOFT, 0, 1)
+    fade = np.clip((1 - out) / _SOFT, 0, 1)
     scales = np.broadcast_to([0.6 * step, 0.6 * step, 0.05 * step], (count, 3))
     quats = np.broadcast_to(turn_between(np.array([0.0, 0.0, 1.0]), plane.up), (count, 4))
     opacities = 0.98 * fade**2 * (3 - 2 * fade)

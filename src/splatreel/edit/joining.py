@@ -8,9 +8,7 @@ import numpy as np
 
 from splatreel.base.errors import UsageError
 from splatreel.codec.presentation import Limits
-from splatreel.edit.changed_clip import ChangedClip
-from splatreel.edit.clip import Clip, ClipGroup, ClipSound, LayerSpan, Outline
-from splatreel.edit.sound_pieces import padded
+from splatreel.edit.clip import ChangedClip, Clip, ClipGroup, ClipSound, LayerSpan, Outline, padded
 
 
 class Joined(ChangedClip):

@@ -11,14 +11,10 @@ import numpy as np
 
 from splatreel.base.errors import UsageError
 from splatreel.base.untrusted import read_json
-from splatreel.edit.changed_clip import ChangedClip
-from splatreel.edit.clip import Clip
-from splatreel.edit.clip_sound import replace_sound
-from splatreel.edit.color_balance import Lit, gain_of_exposure, gain_of_white
-from splatreel.edit.floor import floor_height
-from splatreel.edit.ground import with_ground
+from splatreel.edit.clip import ChangedClip, Clip, ClipGroup, Outline
+from splatreel.edit.clip_writer import replace_sound
+from splatreel.edit.ground import floor_height, with_ground
 from splatreel.edit.joining import Joined
-from splatreel.edit.operation_values import parse_axis, parse_color, parse_range
 from splatreel.edit.placement import Moved, Similarity
 from splatreel.edit.reel_clip import ReelClip
 from splatreel.edit.retiming import Cut, Retimed, Reversed
@@ -27,14 +23,85 @@ from splatreel.edit.selection import (
     InVolume,
     LastingEnough,
     OpaqueEnough,
+    SeenByCameras,
     Selected,
     Selection,
     SmallEnough,
 )
-from splatreel.edit.visibility import SeenByCameras
-from splatreel.scene.turning import turn_between
-from splatreel.scene.volume_text import fail, parse_number, parse_numbers, parse_volume
-from splatreel.scene.volumes import Outside, Sphere
+from splatreel.scene.gaussians import turn_between
+from splatreel.scene.volumes import Outside, Sphere, fail, parse_number, parse_numbers, parse_volume
+
+
+def _parse_axis(name: str, value: str) -> np.ndarray:
+    """Return a unit direction [3]: x, -x, y, -y, z, -z or three numbers."""
+    match = re.fullmatch("(-?)([xyz])", value.strip())
+    direction = np.zeros(3)
+    if match:
+        direction["xyz".index(match[2])] = -1.0 if match[1] else 1.0
+        return direction
+    if value.count(",") != 2:
+        raise fail(name, value, "Give x, -x, y, -y, z, -z or three numbers as the axis")
+    direction = parse_numbers(name, value, 3)
+    length = float(np.linalg.norm(direction))
+    if length < 1e-12:
+        raise fail(name, value, "Give an axis that is not zero")
+    return direction / length
+
+
+def _parse_color(name: str, value: str) -> np.ndarray:
+    """Return a color `#rrggbb` as [3], 0..1."""
+    match = re.fullmatch("#?([0-9a-fA-F]{6})", value)
+    if match is None:
+        raise fail(name, value, "Give a color like #ffffff")
+    return np.array([int(match[1][i : i + 2], 16) for i in (0, 2, 4)]) / 255
+
+
+def parse_range(name: str, value: str, outline: Outline) -> tuple[int, int]:
+    """Return the first frame and the frame after the last of `A:B`, in frames or, with an s, in seconds."""
+    match = re.fullmatch(r"([0-9.]+s?)?:([0-9.]+s?)?", value)
+    if match is None or not (match[1] or match[2]):
+        raise fail(name, value, "Give a range A:B of frames, or of seconds like 1.5s:4s")
+    fps, first, end = outline.header.fps, match[1], match[2]
+    ends = _frame(name, first, fps) if first else 0, _frame(name, end, fps) if end else outline.frames
+    if not 0 <= ends[0] < ends[1] <= outline.frames:
+        raise fail(name, value, f"Choose frames from 0:{outline.frames}, which are {outline.seconds:g} seconds")
+    return ends[0], ends[1]
+
+
+def _frame(name: str, text: str, fps: float) -> int:
+    if text.endswith("s"):
+        return round(parse_number(name, text[:-1], 0, 1e7) * fps)
+    if re.fullmatch("[0-9]{1,15}", text) is None:
+        raise fail(name, text, "Give a whole number of frames, or seconds like 1.5s")
+    return int(text)
+
+
+_GAMMA = 2.2
+"""Exponent between light and colors. An exposure then multiplies colors, as the light of a group does."""
+
+
+class _Lit(ChangedClip):
+    """Clip whose colors are multiplied by `gain` [3], also those of the background."""
+
+    def __init__(self, clip: Clip, gain: np.ndarray) -> None:
+        super().__init__(clip)
+        self._gain = np.asarray(gain, np.float32)
+
+    def change_group(self, index: int, found: ClipGroup) -> ClipGroup:
+        """Return a group in another light."""
+        light = np.ones((found.group.frames, 3), np.float32) if found.group.light is None else found.group.light
+        return replace(found, group=replace(found.group, light=light * self._gain))
+
+
+def _gain_of_exposure(stops: float) -> np.ndarray:
+    """Return the gain [3] of an exposure longer by a number of stops."""
+    return np.full(3, 2 ** (stops / _GAMMA))
+
+
+def _gain_of_white(color: np.ndarray) -> np.ndarray:
+    """Return the gain [3] that makes a color [3], 0..1, gray without a change of its mean brightness."""
+    return color.mean() / color
+
 
 FORMAT = "splatreel-edit"
 """Format of edit list files: `{"format": "splatreel-edit", "version": 1, "operations": ["NAME=VALUE", ...]}`."""
@@ -158,13 +225,13 @@ def _cameras(clip: Clip, value: str) -> Selection:
 
 def _rotate(clip: Clip, value: str) -> Clip:
     *axis, degrees = value.split(",")
-    direction = parse_axis("rotate", ",".join(axis))
+    direction = _parse_axis("rotate", ",".join(axis))
     half = np.radians(parse_number("rotate", degrees, -3600, 3600)) / 2
     return Moved(clip, Similarity(quat=np.concatenate([[np.cos(half)], np.sin(half) * direction])))
 
 
 def _up(clip: Clip, value: str) -> Clip:
-    quat = turn_between(clip.outline.header.up, parse_axis("up", value))
+    quat = turn_between(clip.outline.header.up, _parse_axis("up", value))
     return Moved(clip, Similarity(quat=quat, turns_up=True))
 
 
@@ -205,28 +272,28 @@ def _ground(clip: Clip, value: str) -> Clip:
 
 
 def _exposure(clip: Clip, value: str) -> Clip:
-    return Lit(clip, gain_of_exposure(parse_number("exposure", value, -8, 8)))
+    return _Lit(clip, _gain_of_exposure(parse_number("exposure", value, -8, 8)))
 
 
 def _gain(clip: Clip, value: str) -> Clip:
     gain = parse_numbers("gain", value if "," in value else ",".join([value] * 3), 3)
     if not ((gain >= 0.01) & (gain <= 100)).all():
         raise fail("gain", value, "Give factors from 0.01 to 100")
-    return Lit(clip, gain)
+    return _Lit(clip, gain)
 
 
 def _white(clip: Clip, value: str) -> Clip:
-    color = parse_color("white", value)
+    color = _parse_color("white", value)
     if color.min() < 0.02:
         raise fail("white", value, "Give a color that is not so dark")
-    return Lit(clip, gain_of_white(color))
+    return _Lit(clip, _gain_of_white(color))
 
 
 def _background(clip: Clip, value: str) -> Clip:
     header = clip.outline.header
     if value == "transparent":
         return ChangedClip(clip, replace(clip.outline, header=replace(header, transparent=True)))
-    red, green, blue = parse_color("background", value).tolist()
+    red, green, blue = _parse_color("background", value).tolist()
     return ChangedClip(
         clip, replace(clip.outline, header=replace(header, transparent=False, background=(red, green, blue)))
     )

@@ -10,13 +10,11 @@ import numpy as np
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.predictive.precision import Precision
 from splatreel.codec.presentation import Limits, Vec3
-from splatreel.edit.changed_clip import ChangedClip
-from splatreel.edit.clip import Clip, ClipGroup, ClipLayer, ClipSound, Outline
+from splatreel.edit.clip import ChangedClip, Clip, ClipGroup, ClipLayer, ClipSound, Outline
 from splatreel.scene import rotations
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import Clearance
-from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.turning import turned
+from splatreel.scene.gaussians import Gaussians, turned
 
 
 @dataclass(frozen=True)

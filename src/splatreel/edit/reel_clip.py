@@ -11,15 +11,13 @@ from typing import TypeVar
 import numpy as np
 
 from splatreel.base.errors import ReelError, UsageError
-from splatreel.codec.file_entry import FileEntry
 from splatreel.codec.group_file import decode_group_to_edit, decode_layer_to_edit
 from splatreel.codec.header import ReelHeader
-from splatreel.codec.manifest import Manifest
+from splatreel.codec.manifest import FileEntry, Manifest
 from splatreel.codec.presentation import MAX_TEXT
 from splatreel.codec.reader import ReelReader
 from splatreel.config import COARSENESS
-from splatreel.edit.clip import ClipGroup, ClipLayer, ClipSound, ClipSpan, LayerSpan, Outline
-from splatreel.edit.sound_pieces import SoundPiece
+from splatreel.edit.clip import ClipGroup, ClipLayer, ClipSound, ClipSpan, LayerSpan, Outline, SoundPiece
 from splatreel.play.reel_sound import ReelSound
 
 CACHED = 4

@@ -7,9 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatreel.edit.changed_clip import ChangedClip
-from splatreel.edit.clip import Clip, ClipGroup, ClipSpan, LayerSpan
-from splatreel.edit.sound_pieces import padded, part_of
+from splatreel.edit.clip import ChangedClip, Clip, ClipGroup, ClipSpan, LayerSpan, padded, part_of
 from splatreel.scene import rotations
 
 

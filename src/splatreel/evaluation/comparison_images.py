@@ -11,12 +11,11 @@ import numpy as np
 from splatreel.base.atomic import write_bytes
 from splatreel.capture.base import Capture
 from splatreel.capture.images import encode_image
-from splatreel.play.renderers import draw_on_cpu
-from splatreel.play.timeline import Moment, Timeline
+from splatreel.play.timeline import Moment, Timeline, draw_on_cpu
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import C0, Gaussians
 
-ERROR_GAIN = 4
+_ERROR_GAIN = 4
 """Amplification of the displayed error: 1/4 of the range is white."""
 BLUE = np.array([0.1, 0.35, 1.0], np.float32)
 """Color of moving points in an overlay, as in the paper's Figures 3, 4 and 12."""
@@ -42,11 +41,7 @@ def write_images(
 ) -> None:
     """Write truth, render and error of the worst and the median frame of each camera, and the layers of the worst frame.
 
-    Args:
-        folder: Folder of the images.
-        timeline: The reel.
-        capture: The capture.
-        psnr: PSNR by camera and frame.
+    `folder`: Folder of the images.
     """
     for name, by_frame in psnr.items():
         view = capture.camera(name)
@@ -75,7 +70,7 @@ def layers_overlay(timeline: Timeline, moment: Moment, view: Camera, render: np.
 
 def comparison(truth: np.ndarray, render: np.ndarray) -> np.ndarray:
     """Return truth, render and amplified absolute error side by side, uint8 [H, 3 W, 3]. Inputs are float images [H, W, 3] 0..1."""
-    error = np.abs(truth - render) * ERROR_GAIN
+    error = np.abs(truth - render) * _ERROR_GAIN
     strip = np.concatenate([truth, render, error], axis=1)
     return (np.clip(strip, 0, 1) * 255 + 0.5).astype(np.uint8)
 

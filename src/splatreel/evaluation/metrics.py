@@ -10,12 +10,13 @@ import numpy as np
 from scipy.ndimage import correlate1d, uniform_filter1d
 
 from splatreel.base.errors import UsageError
+from splatreel.codec.manifest import Manifest
 
 PSNR_MAX = 100.0
 """PSNR of two equal images. Infinity would break means and JSON."""
 
-SSIM_WINDOW = 11
-SSIM_SIGMA = 1.5
+_SSIM_WINDOW = 11
+_SSIM_SIGMA = 1.5
 UNIFORM_WINDOW = 7
 
 
@@ -147,8 +148,8 @@ def uniform_moments(image: np.ndarray, truth: np.ndarray) -> Moments:
 
 
 def _gaussian_mean(image: np.ndarray) -> np.ndarray:
-    offsets = np.arange(SSIM_WINDOW) - SSIM_WINDOW // 2
-    window = np.exp(-(offsets**2) / (2 * SSIM_SIGMA**2))
+    offsets = np.arange(_SSIM_WINDOW) - _SSIM_WINDOW // 2
+    window = np.exp(-(offsets**2) / (2 * _SSIM_SIGMA**2))
     window /= window.sum()
     rows = correlate1d(image, window, axis=0, mode="constant")
     return correlate1d(rows, window, axis=1, mode="constant")
@@ -192,3 +193,35 @@ def check_images(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None)
 def _decibel(mean_squared_error: float) -> float:
     floor = 10 ** (-PSNR_MAX / 10)
     return -10 * math.log10(max(mean_squared_error, floor))
+
+
+class Flicker:
+    """Flicker of images added in order of frames.
+
+    Attributes:
+        borders: Frames that fade from one group to the next.
+    """
+
+    def __init__(self, borders: set[int]) -> None:
+        self.borders = borders
+        self.steps: dict[tuple[int, str], float] = {}
+        self._last: dict[str, tuple[int, np.ndarray]] = {}
+
+    def add(self, frame: int, camera: str, image: np.ndarray, truth: np.ndarray) -> None:
+        """Add an image and its truth, float32 [H, W, 3] 0..1. Without the previous frame nothing is measured."""
+        off = image - truth
+        before, there = self._last.get(camera, (None, off))
+        if before == frame - 1:
+            self.steps[frame, camera] = 255 * float(np.abs(off - there).mean())
+        self._last[camera] = frame, off
+
+    def mean(self, at_borders: bool) -> float | None:
+        """Return the mean absolute error of the changes in gray levels of 255, at borders or elsewhere; None without any."""
+        values = [step for (frame, _), step in self.steps.items() if (frame in self.borders) == at_borders]
+        return float(np.mean(values)) if values else None
+
+
+def border_frames(manifest: Manifest) -> set[int]:
+    """Return the frames reached by a step of a cross-fade, or by the cut between groups without overlap."""
+    steps = range(1, manifest.overlap + 1) if manifest.overlap else range(1)
+    return {group.first_frame + step for group in manifest.groups[1:] for step in steps}

@@ -12,7 +12,7 @@ from splatreel.capture.masks import MADE_MASKS, read_mask_record
 from splatreel.capture.opening import CaptureSource
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
-from splatreel.run.run_record import read_run_source
+from splatreel.run.run_folder import read_run_source
 from splatreel.scene.reel_source import ReelSource
 from splatreel.storage.address import is_url
 
@@ -30,7 +30,7 @@ def work_of(reel: str | Path, manifest: Manifest) -> Path | None:
     return work if is_of_run and work.is_dir() else None
 
 
-def source_of(reel: str | Path, manifest: Manifest) -> ReelSource | None:
+def _source_of(reel: str | Path, manifest: Manifest) -> ReelSource | None:
     """Return the frames and cameras that a reel was made from, by its manifest or by its run; None if unknown."""
     if manifest.source is not None:
         return manifest.source
@@ -74,7 +74,7 @@ def open_reel_capture(
         CaptureError: The capture cannot be used.
     """
     manifest = ReelReader(reel).manifest
-    source = source_of(reel, manifest)
+    source = _source_of(reel, manifest)
     if masks is None and source is not None and source.part == "masks":
         masks = _made_masks(reel)
     if masks is None and source is not None and source.part:

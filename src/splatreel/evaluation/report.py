@@ -25,7 +25,6 @@ class Number:
     """A number of a report.
 
     Attributes:
-        name: Name of the number.
         value: The number with its unit, or that it was not measured.
         meaning: Sentence about its meaning.
     """

@@ -21,13 +21,10 @@ from splatreel.base.command_line import install_command
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget, points_memory
 from splatreel.base.untrusted import read_file
-from splatreel.formats.plausible import check_plausible
 from splatreel.formats.registry import Film
-from splatreel.formats.remarks import Remarks
-from splatreel.formats.splat_columns import drop_nan
+from splatreel.formats.splat_columns import Remarks, check_plausible, drop_nan
 from splatreel.scene import rotations
-from splatreel.scene.gaussians import C0, Gaussians
-from splatreel.scene.turning import turned
+from splatreel.scene.gaussians import C0, Gaussians, turned
 
 MOST_FRAMES, MOST_BYTES = 1_000_000, 1 << 34
 FPS = 30.0
@@ -39,10 +36,7 @@ _AXES = ("x", "y", "z", "-x", "-y", "-z")
 class FourdgsScene:
     """Sequence of samples of a .4dgs file, at the middle of each frame.
 
-    Args:
-        path: Input file.
-        fps: Samples per second; None takes 30.
-        budget: Memory that reading may take.
+    `fps`: Samples per second; None takes 30.
 
     Raises:
         GaussiansError: The file cannot be read, or takes too much memory.
@@ -93,7 +87,6 @@ class FourdgsScene:
 
 
 def _read(path: Path, budget: MemoryBudget) -> Any:
-    """Return the scene of a file, decoded by the package fourdgs."""
     data = read_file(path, MOST_BYTES, GaussiansError)
     try:
         import fourdgs  # pyright: ignore[reportMissingImports] - optional
@@ -125,11 +118,6 @@ def write_fourdgs(path: Path, film: Film, fps: float) -> None:
     """Write the Gaussians at all times as one .4dgs file, atomically. Its y axis is up.
 
     Each Gaussian has a window of time in which it is shown: as long as all its values stay the same.
-
-    Args:
-        path: Output file.
-        film: The Gaussians.
-        fps: Frames per second.
 
     Raises:
         GaussiansError: The package fourdgs is missing.
@@ -203,13 +191,7 @@ _CODECS = {"deflate": 0, "zstd": 1}
 
 
 def check_memory(data: bytes, source: str, budget: MemoryBudget) -> None:
-    """Raise `GaussiansError` if reading a .4dgs file takes too much memory. Damaged files are left to their reader.
-
-    Args:
-        data: The file.
-        source: Name of the file.
-        budget: Memory that reading may take.
-    """
+    """Raise `GaussiansError` if reading a .4dgs file takes too much memory. Damaged files are left to their reader."""
     from fourdgs import exceptions, opcode, records, serialization  # pyright: ignore[reportMissingImports] - optional
 
     needed = len(data)

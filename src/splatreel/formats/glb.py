@@ -30,10 +30,7 @@ _EXTENSION = {
 def write_glb(path: str | Path, gaussians: Gaussians, shift: np.ndarray | None = None) -> None:
     """Write a .glb file atomically. The y axis of glTF is up.
 
-    Args:
-        path: Output file.
-        gaussians: Gaussians to write.
-        shift: Translation of the scene, [3] float64; None is 0, 0, 0.
+    `shift`: Translation of the scene, [3] float64; None is 0, 0, 0.
 
     Raises:
         StorageError: The file cannot be written.
@@ -71,7 +68,6 @@ def write_glb(path: str | Path, gaussians: Gaussians, shift: np.ndarray | None =
 
 
 def _write_document(path: str | Path, document: dict[str, Any], body: bytes) -> None:
-    """Write a document and its buffer, if it has one."""
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     chunks = struct.pack("<II", len(text), 0x4E4F534A) + text

@@ -49,10 +49,6 @@ class _Header:
 def read_ksplat(path: Path, budget: MemoryBudget = UNRAISED) -> Columns:
     """Return columns as in a 3DGS PLY file, with logarithms of scales and logits of opacities.
 
-    Args:
-        path: Input file.
-        budget: Memory that reading may take.
-
     Raises:
         GaussiansError: The file is damaged, of another version, or takes too much memory.
     """
@@ -100,14 +96,6 @@ def _claimed_points(data: bytes, header: _Header) -> tuple[int, int]:
 
 
 def _read_section(data: bytes, at: int, start: int, header: _Header) -> tuple[Columns, int]:
-    """Return the columns of a section, and where the next section starts.
-
-    Args:
-        data: The file.
-        at: Where the header of the section starts.
-        start: Where its data start.
-        header: Header of the file.
-    """
     count, room, capacity, buckets = struct.unpack_from("<4I", data, at)
     block, storage = struct.unpack_from("<fH", data, at + 16)
     steps = struct.unpack_from("<I", data, at + 24)[0] or _STEPS

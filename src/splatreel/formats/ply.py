@@ -10,17 +10,16 @@ import numpy as np
 from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import GaussiansError
 from splatreel.base.ply_table import Columns, read_elements
-from splatreel.formats.remarks import Remarks
-from splatreel.formats.splat_columns import Encoding, gaussians_of
+from splatreel.formats.splat_columns import Encoding, Remarks, gaussians_of
 from splatreel.scene.gaussians import Gaussians
 
-MODE = "SplatRenderMode: "
+_MODE = "SplatRenderMode: "
 """Comment of a PLY file that states how its points are drawn, as Brush and splat-transform write it: default, mip or 2dgs."""
 
 
 def mode_comments(antialias: bool) -> list[str]:
     """Return the header lines that mark points as trained with antialiasing. Unmarked files were trained without."""
-    return [f"comment {MODE}mip"] if antialias else []
+    return [f"comment {_MODE}mip"] if antialias else []
 
 
 def splat_mode(comments: Iterable[str]) -> str:
@@ -33,7 +32,7 @@ def splat_mode(comments: Iterable[str]) -> str:
     mode = "default"
     for comment in comments:
         name, _, value = comment.strip().lower().partition(" ")
-        if name == MODE.strip().lower() and value.strip() in ("default", "mip", "2dgs"):
+        if name == _MODE.strip().lower() and value.strip() in ("default", "mip", "2dgs"):
             mode = value.strip()
         if name == "antialiased" and value.strip() in ("0", "1"):
             mode = "mip" if value.strip() == "1" else "default"

@@ -21,12 +21,11 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from splatreel.base.archives import naming_damage, read_member
 from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget, allowed_memory, points_memory
 from splatreel.base.ply_table import Columns
-from splatreel.base.untrusted import check_regular, numbers, parse_json, read_file
+from splatreel.base.untrusted import check_regular, naming_damage, numbers, parse_json, read_file, read_member
 from splatreel.formats.compressed_ply import smallest_three
 from splatreel.formats.splat import to_bytes
 from splatreel.scene.gaussians import Gaussians
@@ -41,7 +40,7 @@ _EFFORT = 75
 """Effort of lossless WebP, 0 to 100. More takes thirty times as long for the same bytes."""
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
 
-Meta = dict[str, Any]
+_Meta = dict[str, Any]
 Files = dict[str, bytes]
 
 
@@ -58,7 +57,7 @@ def write_sog(path: str | Path, gaussians: Gaussians, antialias: bool = False) -
     """
     points = gaussians[neighbor_order(gaussians.means)]
     files: Files = {}
-    meta: Meta = {"version": 2, "asset": {"generator": "Splatreel"}, "count": len(points), "antialias": antialias}
+    meta: _Meta = {"version": 2, "asset": {"generator": "Splatreel"}, "count": len(points), "antialias": antialias}
     meta |= {"model": "antialiased"} if antialias else {}  # the name of splat-transform 3
     meta["means"] = _add_means(points.means, files)
     meta["scales"] = _add_indices("scales", np.log(np.maximum(points.scales, 1e-30)), files)
@@ -76,7 +75,7 @@ def write_sog(path: str | Path, gaussians: Gaussians, antialias: bool = False) -
     write_bytes(Path(path), packed.getvalue())
 
 
-def _add_means(means: np.ndarray, files: Files) -> Meta:
+def _add_means(means: np.ndarray, files: Files) -> _Meta:
     values = np.sign(means) * np.log1p(np.abs(means.astype(np.float64)))
     low, high = (values.min(0), values.max(0)) if len(values) else (np.zeros(3), np.zeros(3))
     words = np.rint(65535 * (values - low) / np.maximum(high - low, 1e-30)).astype(np.int64)
@@ -84,14 +83,14 @@ def _add_means(means: np.ndarray, files: Files) -> Meta:
     return {"mins": low.tolist(), "maxs": high.tolist(), "files": ["means_l.webp", "means_u.webp"]}
 
 
-def _add_indices(name: str, values: np.ndarray, files: Files, alpha: np.ndarray | None = None) -> Meta:
+def _add_indices(name: str, values: np.ndarray, files: Files, alpha: np.ndarray | None = None) -> _Meta:
     """Add the image of an attribute [N, 3], stored as indices into a codebook. `alpha` [N, 1] is its fourth channel."""
     codebook, indices = _codebook(values)
     files[f"{name}.webp"] = _image(_opaque(indices) if alpha is None else np.concatenate([indices, alpha], 1))
     return {"codebook": codebook.tolist(), "files": [f"{name}.webp"]}
 
 
-def _add_palette(rest: np.ndarray, files: Files) -> Meta:
+def _add_palette(rest: np.ndarray, files: Files) -> _Meta:
     """Add view-dependent colors [N, K, 3]: an image of the palette, of K pixels per entry, and an image of indices into it."""
     count, bands, _ = rest.shape
     labels, centers = _palette(rest.reshape(count, -1))
@@ -203,9 +202,7 @@ class _Package:
 def read_sog(path: Path, budget: MemoryBudget = UNRAISED) -> Columns:
     """Return columns as in a 3DGS PLY file, with logarithms of scales and logits of opacities.
 
-    Args:
-        path: A .sog file, or the meta.json of an unpacked one.
-        budget: Memory that reading may take.
+    `path`: A .sog file, or the meta.json of an unpacked one.
 
     Raises:
         GaussiansError: The file is damaged, of another version, or takes too much memory.
@@ -322,7 +319,6 @@ class _Sog:
         return pixels[: self._count]
 
     def _decode(self, name: str) -> np.ndarray:
-        """Return a WebP image as [H, W, 4] uint8."""
         data = self._package.load(name)
         width, height = _webp_size(data)
         self._check(_PIXEL * width * height, f"{name} of {width:,} x {height:,} pixels")

@@ -28,9 +28,7 @@ _POINT = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("color", "u1", 4)
 def write_splat(path: str | Path, gaussians: Gaussians) -> None:
     """Write a .splat file atomically.
 
-    Args:
-        path: Output file.
-        gaussians: Gaussians to write.
+    `path`: Output file.
 
     Raises:
         StorageError: The file cannot be written.

@@ -3,28 +3,171 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from splatreel.base.errors import GaussiansError
 from splatreel.base.ply_table import Columns
-from splatreel.formats.moving_columns import refusal_of
-from splatreel.formats.remarks import Remarks
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians
 
+
+class Remarks:
+    """Collection of remarks, by text and file. A file that is read twice counts once."""
+
+    def __init__(self) -> None:
+        self._counts: dict[str, dict[str, int]] = {}
+
+    def add(self, text: str, source: str | Path, count: int = 1) -> None:
+        """Add a remark.
+
+        Args:
+            text: Sentence without its full stop; `{}` is replaced by the sum of the counts.
+            source: File that the remark is about.
+            count: Number of points, or 1.
+        """
+        self._counts.setdefault(text, {})[str(source)] = count
+
+    def lines(self) -> list[str]:
+        """Return one line per remark, with the number of files and the first of them."""
+        lines = []
+        for text, counts in self._counts.items():
+            first = next(iter(counts))
+            where = first if len(counts) == 1 else f"{len(counts)} files, the first of them {first}"
+            lines.append(f"{text.format(f'{sum(counts.values()):,}')} ({where}).")
+        return lines
+
+    def take(self, others: Remarks, source: str) -> None:
+        """Add the remarks of another collection, all of them about one file."""
+        for text, counts in others._counts.items():
+            self.add(text, source, sum(counts.values()))
+
+
+LIMITS = {"means": 1e12, "scales": 1e12, "sh": 1e4}
+"""Maximum plausible values: world units, world units, and color coefficients, for which 1 is large."""
+
+
+def check_plausible(points: Gaussians, what: str) -> Gaussians:
+    """Return the Gaussians if all values are plausible.
+
+    `what`: Start of the message.
+
+    Raises:
+        GaussiansError: A value exceeds its limit. The message names the point and the value.
+    """
+    if not len(points):
+        return points
+    for name, limit in LIMITS.items():
+        values = np.abs(getattr(points, name)).reshape(len(points), -1)
+        if values.max() > limit:
+            row = int(values.max(1).argmax())
+            raise GaussiansError(
+                f"{what}: {name} of point {row} (counted from 0) is {values[row].max():.3g}, beyond the {limit:g} that a reel can "
+                f"hold. Remove that point from the file, or export it again."
+            )
+    return points
+
+
+EXPORT = "Write one PLY file per frame with that method's program, and import the folder."
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method by the names of its columns.
+
+    Attributes:
+        name: Name of the method, and its repository.
+        columns: Pattern of the columns that only this method writes.
+        what: Meaning of the columns.
+        remedy: What to do instead.
+    """
+
+    name: str
+    columns: re.Pattern[str]
+    what: str = "which move or change its Gaussians"
+    remedy: str = EXPORT
+
+
+METHODS = (
+    # scene/c_gaussian_model.py: static points here, moving ones in dynamic_point_cloud.ply
+    Method("Ex4DGS (juno181/Ex4DGS)", re.compile(r"xyz_disp_\d+|motion_(xyz|f_dc|f_rest|scale|opacity|rot)(_.*)?")),
+    # scene/gaussian_model.py
+    Method("SplineGS (KAIST-VICLab/SplineGS)", re.compile(r"control_[xyz]_\d+|current_control_num")),
+    # scene/oursfull.py, ourslite.py; MoDec-GS and others use the names too
+    Method(
+        "SpacetimeGaussians (oppo-us-research/SpacetimeGaussians) or a method built on it",
+        re.compile(r"trbf_.*|motion_\d+|omega_\d+|f_t_\d+"),
+    ),
+    # scene/gaussian_model.py: features that the network of control points reads
+    Method(
+        "SC-GS (yihua7/SC-GS) or a method built on it", re.compile(r"fea_\d+"), "which its network turns into motion"
+    ),
+    # scene/gaussian_model.py: embeddings that the deformation network reads
+    Method(
+        "E-D3DGS (JeongminB/E-D3DGS) or a method built on it",
+        re.compile(r"embedding_\d+"),
+        "which its network turns into motion",
+    ),
+    # 4D Gaussian Splatting with its PLY writers: time, extent in time, and the second rotation
+    Method(
+        "4D Gaussian Splatting (fudan-zvg/4d-gaussian-splatting)",
+        re.compile(r"t|mu_t|t_scale|scale_t(_\d+)?|rot_[lr]_\d+"),
+    ),
+    # scene/beta_model.py; deformable kernels, and lobes instead of harmonics
+    Method(
+        "Beta Splatting (RongLiu-Leo/beta-splatting)",
+        re.compile(r"beta|sb_params_\d+|sh0_\d+|shN_\d+"),
+        "whose points are Beta kernels and no Gaussians",
+        "Train Gaussians, for example with gsplat.",
+    ),
+    # scene/gaussian_model.py: anchors, from which networks make Gaussians for each view
+    Method(
+        "Scaffold-GS (city-super/Scaffold-GS) or a method built on it",
+        re.compile(r"f_offset_\d+|f_anchor_feat_\d+"),
+        "whose points are anchors, from which networks make the Gaussians of each view",
+        "Train 3DGS, or export its Gaussians with that method's program.",
+    ),
+)
+"""Methods by their columns, the most specific first."""
+_OF_TIME = re.compile(
+    r"t|time.*|timestamp|t_.*|.*_t|.*_t\d+|motion.*|trbf.*|omega.*|vel.*|v[xyz]|acc.*|rot_r.*|f_t.*|deform.*|traj.*|knot.*|poly.*"
+    r"|dynamic.*|duration.*|life.*|birth.*|death.*|delta_.*|d_xyz.*|fourier.*|coef.*|basis.*|spline.*|control_.*|weight_motion.*|zeta_.*"
+)
+"""Names of columns that make Gaussians move or change, of any method."""
+
+
+def refusal_of(names: Iterable[str]) -> str | None:
+    """Return why a file with some unusual columns cannot be read, and what to do; None if it can."""
+    names = list(names)
+    for method in METHODS:
+        if found := [name for name in names if method.columns.fullmatch(name)]:
+            return f"has the columns {_some(found)} of {method.name}, {method.what}. {method.remedy}"
+    if found := [name for name in names if _OF_TIME.fullmatch(name)]:
+        return (
+            f"has the columns {_some(found)} of a method whose Gaussians move or change, which is not known here. Export one PLY file "
+            "per frame with that method's program."
+        )
+    return None
+
+
+def _some(names: list[str]) -> str:
+    return f"{', '.join(names[:4])}{', ...' if names[4:] else ''}"
+
+
 MANY = 16
 """Points that show whether values are activated. Fewer are judged by opacities and scales together."""
-THIN = 0.01
+_THIN = 0.01
 """Third scale of flat splats (2DGS), as a share of the smaller one."""
-LARGEST_LOGARITHM = 80
+_LARGEST_LOGARITHM = 80
 OPAQUE = 20.0
 """Logit of an opacity that is 1 in float32. No training tells larger ones apart."""
 BANDS = {0: 0, 9: 1, 24: 2, 45: 3, 72: 4}
 """SH degree by number of f_rest columns."""
 COLORS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
-TURNS = (("rot_0", "rot_1", "rot_2", "rot_3"), ("qw", "qx", "qy", "qz"), ("rot_w", "rot_x", "rot_y", "rot_z"))
+_TURNS = (("rot_0", "rot_1", "rot_2", "rot_3"), ("qw", "qx", "qy", "qz"), ("rot_w", "rot_x", "rot_y", "rot_z"))
 SIZES = (
     ("scale_0", "scale_1", "scale_2"),
     ("scale_x", "scale_y", "scale_z"),
@@ -140,7 +283,7 @@ def _not_splats(columns: Columns, source: str) -> str:
 def _check_names(columns: Columns, sizes: tuple[str, ...], source: str, remarks: Remarks) -> None:
     """Refuse columns of other methods, and remark on columns without a meaning here."""
     known = {"x", "y", "z", "opacity", "filter_3D", *sizes}
-    known |= {name for names in TURNS for name in names} | {f"f_dc_{i}" for i in range(3)}
+    known |= {name for names in _TURNS for name in names} | {f"f_dc_{i}" for i in range(3)}
     others = [name for name in columns if name not in known and not re.fullmatch(r"f_rest_\d+", name)]
     if refusal := refusal_of(others):
         raise GaussiansError(f"{source}: {refusal}")
@@ -157,7 +300,7 @@ def _scales(columns: Columns, names: tuple[str, ...], encoding: Encoding, source
     """Return activated scales [N, 3]."""
     scales = _stack(columns, *names)
     if encoding.logarithm:
-        scales = np.exp(np.minimum(scales, LARGEST_LOGARITHM))
+        scales = np.exp(np.minimum(scales, _LARGEST_LOGARITHM))
     else:
         remarks.add("Scales are stored as they are, not as logarithms", source)
     if len(names) == 1:
@@ -165,7 +308,7 @@ def _scales(columns: Columns, names: tuple[str, ...], encoding: Encoding, source
         scales = np.repeat(scales, 3, axis=1)
     if len(names) == 2:
         remarks.add("Flat splats with two scales (2DGS) were read as thin ones", source)
-        scales = np.concatenate([scales, THIN * scales.min(1, keepdims=True)], 1)
+        scales = np.concatenate([scales, _THIN * scales.min(1, keepdims=True)], 1)
     return scales
 
 
@@ -187,7 +330,7 @@ def _opacities(columns: Columns, encoding: Encoding, source: str, remarks: Remar
         remarks.add(
             f"All opacities are {values[0]:.3g}, read as the logit of {1 / (1 + np.exp(-values[0])):.3g}", source
         )
-    return 1 / (1 + np.exp(-np.clip(values, -LARGEST_LOGARITHM, LARGEST_LOGARITHM)))
+    return 1 / (1 + np.exp(-np.clip(values, -_LARGEST_LOGARITHM, _LARGEST_LOGARITHM)))
 
 
 def _check_logits(values: np.ndarray, encoding: Encoding, source: str) -> None:
@@ -214,13 +357,13 @@ def _filtered(scales: np.ndarray, opacities: np.ndarray, width: np.ndarray) -> t
 
 def _quats(columns: Columns, sizes: tuple[str, ...], source: str, remarks: Remarks) -> np.ndarray:
     """Return unit quaternions [N, 4] wxyz."""
-    names = _first_of(TURNS, columns)
+    names = _first_of(_TURNS, columns)
     if names is not None:
         quats = _stack(columns, *names)
         if empty := int((quats == 0).all(1).sum()):
             remarks.add("{} points with a rotation of zeros were read as aligned with the axes", source, empty)
         return rotations.normalize(quats)
-    partial = [name for names in TURNS for name in names if name in columns]
+    partial = [name for names in _TURNS for name in names if name in columns]
     if partial:
         raise GaussiansError(f"{source}: has {', '.join(partial)} of the four numbers of a rotation. Export it again.")
     if len(sizes) > 1:

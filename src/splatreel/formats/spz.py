@@ -37,7 +37,7 @@ _HEADER, _LEVEL = 32, 12
 """Bytes of the header of version 4, and its zstd level."""
 _LARGEST = (1 << 23) - 1
 _MOST_BITS = 20
-COLOR_SCALE = 0.15
+_COLOR_SCALE = 0.15
 """Base colors may be out of range if higher bands compensate for it."""
 _SH_STEPS = (8, 16, 16)
 """Quantization steps of degrees 1 to 3, out of 256 levels, as in Niantic's writer."""
@@ -72,7 +72,7 @@ def write_spz(path: str | Path, gaussians: Gaussians, antialias: bool = False, v
     parts = [
         _fixed(gaussians.means, bits),
         _bytes(gaussians.opacities * 255),
-        _bytes((sh[:, 0] * COLOR_SCALE + 0.5) * 255),
+        _bytes((sh[:, 0] * _COLOR_SCALE + 0.5) * 255),
         _bytes((np.log(np.maximum(gaussians.scales, 1e-30)) + 10) * 16),
         _smallest_three(gaussians.quats) if version > 2 else _first_three(gaussians.quats),
         _harmonics(sh[:, 1:]),
@@ -161,10 +161,6 @@ class _Header:
 
 def read_spz(path: Path, budget: MemoryBudget = UNRAISED) -> Columns:
     """Return columns as in a 3DGS PLY file, with logarithms of scales and logits of opacities, in the axes of SPZ.
-
-    Args:
-        path: Input file.
-        budget: Memory that reading may take.
 
     Raises:
         GaussiansError: The file is damaged, of another version, or takes too much memory.
@@ -261,7 +257,7 @@ def _columns(header: _Header, parts: list[np.ndarray]) -> Columns:
     )
     with np.errstate(divide="ignore"):
         opacity = np.log(alphas / 255) - np.log1p(-(alphas / 255))
-    base = (colors.reshape(count, 3) / 255 - 0.5) / COLOR_SCALE
+    base = (colors.reshape(count, 3) / 255 - 0.5) / _COLOR_SCALE
     sizes = scales.reshape(count, 3) / 16 - 10
     rest = harmonics.reshape(count, bands, 3) / 128 - 1
     found = dict(zip("xyz", means.T, strict=True)) | {"opacity": opacity}

@@ -19,8 +19,8 @@ from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget
 from splatreel.base.ply_table import Columns
 from splatreel.base.untrusted import read_json
-from splatreel.formats.remarks import Remarks
 from splatreel.formats.sog import is_sog_antialiased, read_sog
+from splatreel.formats.splat_columns import Remarks
 
 LOD_META = "lod-meta.json"
 VERSION = 1
@@ -121,7 +121,6 @@ def _inside(path: Path, name: Any) -> Path:
 
 
 def _take(columns: Columns, ranges: list[tuple[int, int]], file: Path) -> Columns:
-    """Return the points of some ranges."""
     count = len(columns["x"])
     over = next(((first, length) for first, length in ranges if first + length > count), None)
     if over is not None:

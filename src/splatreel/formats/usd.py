@@ -15,8 +15,7 @@ from splatreel.base.atomic import move, scratch
 from splatreel.base.command_line import install_command
 from splatreel.base.errors import GaussiansError
 from splatreel.formats.registry import Film
-from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.turning import turned
+from splatreel.scene.gaussians import Gaussians, turned
 
 _NAMES = {
     "means": "Positions",
@@ -93,9 +92,7 @@ def write_usd(path: Path, film: Film, fps: float) -> None:
 def estimate_bytes(path: Path, film: Film) -> int:
     """Return about how many bytes `write_usd` will write, from some pairs of neighboring frames.
 
-    Args:
-        path: Output file, whose suffix counts: numbers take three times as many bytes in text.
-        film: The Gaussians.
+    `path`: Output file, whose suffix counts: numbers take three times as many bytes in text.
     """
     steps = len(film.seconds) - 1
     total = _changed_bytes(None, film.at(film.seconds[0]))
@@ -107,7 +104,6 @@ def estimate_bytes(path: Path, film: Film) -> int:
 
 
 def _changed_bytes(before: Gaussians | None, points: Gaussians) -> int:
-    """Return the bytes of the fields that differ from the frame before."""
     fields = {name: getattr(points, name) for name in _NAMES}
     return sum(
         field.nbytes
@@ -117,7 +113,6 @@ def _changed_bytes(before: Gaussians | None, points: Gaussians) -> int:
 
 
 def _set_frame(splats: Any, frame: int, before: Gaussians | None, points: Gaussians) -> None:
-    """Write the values of a frame that differ from the frame before."""
     for name, kind in _kinds().items():
         old, new = None if before is None else getattr(before, name), getattr(points, name)
         if old is not None and np.array_equal(old, new):

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from splatreel.base.errors import UsageError
-from splatreel.gpu.cuda_devices import CudaDevice, cuda_devices
+from splatreel.gpu.cuda_libraries import CudaDevice, cuda_devices
 
 CUDA = "CUDA"
 """Interface of adapters that NVIDIA's driver and run-time compiler (NVRTC) reach without Vulkan."""
@@ -32,11 +32,9 @@ class Adapter:
     """A graphics processor, or a program that simulates one, through one of the system's interfaces.
 
     Attributes:
-        name: Name of the device.
         interface: Vulkan, Metal, D3D12, OpenGL or `CUDA`.
         kind: DiscreteGPU, IntegratedGPU, CPU or Unknown.
         limits: Limits by wgpu's names.
-        subgroups: Subgroup operations are available.
         handle: Adapter of wgpu, or a `CudaDevice`.
     """
 
@@ -123,9 +121,7 @@ def _cuda_adapter(device: CudaDevice) -> Adapter:
 def choose_adapter(found: Sequence[Adapter], software: bool = False) -> tuple[Adapter | None, str]:
     """Return the adapter that training uses, if any, and a sentence that explains the choice.
 
-    Args:
-        found: Result of `adapters`.
-        software: A software adapter is eligible, after all others.
+    A `software` adapter is eligible after all others.
     """
     if not found and not is_installed():
         return None, "The package wgpu is not installed, and NVIDIA's driver was not found."
@@ -141,11 +137,7 @@ def choose_adapter(found: Sequence[Adapter], software: bool = False) -> tuple[Ad
 
 
 def require_adapter() -> Adapter:
-    """Return the adapter for `--device gpu`: a software adapter only where there is no other one.
-
-    Raises:
-        UsageError: There is none.
-    """
+    """Return the adapter for `--device gpu`, software only where there is nothing else; raise a `UsageError` if there is none."""
     adapter, why = choose_adapter(adapters(), software=True)
     if adapter is None:
         raise UsageError(f"--device gpu: {why} Use --device cpu, or run `splatreel devices` to see what there is.")

@@ -15,30 +15,19 @@ import numpy as np
 
 from splatreel.base.errors import GpuError
 from splatreel.gpu.adapters import Adapter
-from splatreel.gpu.cuda_devices import CudaDevice
-from splatreel.gpu.cuda_libraries import Compiler, Driver
+from splatreel.gpu.cuda_libraries import Compiler, CudaDevice, Driver
 from splatreel.gpu.cuda_source import ENTRY, translate
-from splatreel.gpu.device import Gpu, Kernel, Recording
-from splatreel.gpu.kernel_source import read_shader
+from splatreel.gpu.device import Gpu, Kernel, Recording, read_shader
 
 Call = tuple[Any, ...]
 """Name of a function of the driver, and its arguments."""
 
 
 class CudaBuffer:
-    """Memory of the device. The memory is freed with the object.
-
-    Attributes:
-        address: Address on the device.
-        size: Bytes.
-    """
+    """Memory of the device, in bytes. The memory is freed with the object."""
 
     def __init__(self, driver: Driver, context: int, size: int) -> None:
-        """Allocate memory.
-
-        Raises:
-            GpuError: The device has no room.
-        """
+        """Allocate memory. Raise a `GpuError` if the device has no room."""
         driver.call("cuCtxSetCurrent", context)
         found = ctypes.c_uint64()
         driver.call("cuMemAlloc_v2", ctypes.byref(found), size)
@@ -47,15 +36,9 @@ class CudaBuffer:
 
 
 class CudaUniform:
-    """Values that a kernel receives with each launch.
-
-    Attributes:
-        data: Bytes, on the host.
-        size: Their number.
-    """
+    """Bytes on the host that a kernel receives with each launch."""
 
     def __init__(self, data: bytes) -> None:
-        """Copy the first values."""
         self.data = ctypes.create_string_buffer(data, len(data))
         self.size = len(data)
 
@@ -64,16 +47,7 @@ class CudaGpu(Gpu):
     """An opened NVIDIA GPU."""
 
     def __init__(self, adapter: Adapter, group: int | None = None, subgroups: bool | None = None) -> None:
-        """Open an adapter whose handle is a `CudaDevice`.
-
-        Args:
-            adapter: Adapter to open.
-            group: Threads of a workgroup: 64, 128 or 256; None chooses.
-            subgroups: Use operations of warps; None uses them.
-
-        Raises:
-            GpuError: The driver refuses, NVRTC cannot be loaded, or a test of the device fails.
-        """
+        """Open an adapter whose handle is a `CudaDevice`. A failed test of the device raises a `GpuError`."""
         super().__init__(adapter, group, subgroups)
         self.largest = adapter.limits["max-storage-buffer-binding-size"]
         handle: CudaDevice = adapter.handle
@@ -85,11 +59,7 @@ class CudaGpu(Gpu):
         self._check_sums()
 
     def _check_sums(self) -> None:
-        """Run a small kernel whose results are known, so that a device that computes nonsense is not used.
-
-        Raises:
-            GpuError: The results are wrong.
-        """
+        """Raise a `GpuError` if a small kernel does not give its known results, so that a device that computes nonsense is not used."""
         values = np.arange(4 * self.group, dtype=np.uint32)
         buffers = {"values": self.upload(values), "sums": self.zeros(4)}
         buffers["length"] = self.uniform(np.array([len(values), 1, 0, 0], np.uint32))
@@ -101,11 +71,7 @@ class CudaGpu(Gpu):
         self.forget_buffers()
 
     def call(self, *calls: Call) -> None:
-        """Call functions of the driver on this device, one after another.
-
-        Raises:
-            GpuError: A function reports an error.
-        """
+        """Call functions of the driver on this device, one after another. Their errors are `GpuError`."""
         try:
             self._driver.call("cuCtxSetCurrent", self._context)  # which belongs to a thread
             for name, *arguments in calls:
@@ -167,7 +133,6 @@ class CudaRecording(Recording):
     """Calls of the driver."""
 
     def __init__(self, gpu: CudaGpu) -> None:
-        """Start an empty list."""
         super().__init__(gpu)
         self._gpu = gpu
         self._calls: list[Call] = []

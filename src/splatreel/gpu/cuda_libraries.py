@@ -1,4 +1,4 @@
-"""NVIDIA's driver and run-time compiler (NVRTC), called through ctypes. Neither the CUDA toolkit nor torch is needed."""
+"""NVIDIA's driver, its devices and its run-time compiler (NVRTC), through ctypes. Neither the CUDA toolkit nor torch is needed."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import ctypes
 import importlib.util
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from ctypes import POINTER, byref, c_char_p, c_int, c_size_t, c_ubyte, c_uint, c_uint64, c_void_p
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -58,20 +59,12 @@ class Driver:
     """NVIDIA's driver."""
 
     def __init__(self, file: str | Path = DRIVER) -> None:
-        """Load the driver.
-
-        Raises:
-            GpuError: There is none, or it finds no device.
-        """
+        """Load the driver. Raise a `GpuError` if there is none, or it finds no device."""
         self._library = _load(file, _DRIVER_CALLS)
         self.call("cuInit", 0)
 
     def call(self, name: str, *arguments: Any) -> None:
-        """Call a function of the driver.
-
-        Raises:
-            GpuError: The function reports an error, also one of earlier work on the device.
-        """
+        """Call a function of the driver. Its errors are `GpuError`, also those of earlier work on the device."""
         code = getattr(self._library, name)(*arguments)
         if code:
             text = c_char_p()
@@ -92,18 +85,10 @@ class Driver:
 
 
 class Compiler:
-    """NVIDIA's run-time compiler.
-
-    Attributes:
-        supported: Compute capabilities that it compiles for, such as 90, in ascending order.
-    """
+    """NVIDIA's run-time compiler. `supported` are the compute capabilities that it compiles for, such as 90, in ascending order."""
 
     def __init__(self, file: Path) -> None:
-        """Load the compiler.
-
-        Raises:
-            GpuError: The file cannot be loaded.
-        """
+        """Load the compiler, or raise a `GpuError`."""
         self._library = _load(file, _COMPILER_CALLS)
         count = c_int()
         self._library.nvrtcGetNumSupportedArchs(byref(count))
@@ -112,18 +97,9 @@ class Compiler:
         self.supported = sorted(found)
 
     def compile(self, source: str, name: str, capability: int) -> bytes:
-        """Compile CUDA C++ to a module for the driver.
+        """Compile CUDA C++ for a compute capability, such as 90. Return machine code, or PTX for newer devices.
 
-        Args:
-            source: Source.
-            name: Name of the kernel, for errors.
-            capability: Compute capability of the device, such as 90.
-
-        Returns:
-            Machine code, or PTX where the compiler is older than the device.
-
-        Raises:
-            GpuError: The source has an error, or the device is too old for the compiler.
+        Raise a `GpuError` if the source has an error, or the device is too old for the compiler.
         """
         known = [each for each in self.supported if each <= capability]
         if not known:
@@ -182,3 +158,78 @@ def _load(file: str | Path, calls: dict[str, tuple[Any, ...]]) -> Any:
     except (OSError, AttributeError) as error:
         raise GpuError(f"{file} cannot be loaded: {error}") from error
     return library
+
+
+THREADS, SHARED_MEMORY, IS_INTEGRATED, MAJOR, MINOR = 1, 8, 18, 75, 76
+"""Attributes of a device: the driver's CUdevice_attribute."""
+LEAST_CAPABILITY = 70
+"""Oldest compute capability that kernels are written for (Volta, 2017)."""
+BUFFERS = 32
+"""Storage buffers of a kernel. CUDA has no limit; this is more than WebGPU guarantees."""
+
+
+@dataclass(frozen=True)
+class CudaDevice:
+    """A device of NVIDIA's driver.
+
+    Attributes:
+        capability: Compute capability, such as 90.
+        is_integrated: The device shares the memory of the processor.
+        limits: Limits by wgpu's names.
+        compiler: NVRTC's file; None if there is none for this driver.
+        missing: Why training cannot use the device; None if it can.
+    """
+
+    name: str
+    number: int
+    capability: int
+    is_integrated: bool
+    limits: dict[str, int]
+    driver: Driver
+    compiler: Path | None
+    missing: str | None
+
+
+def cuda_devices() -> list[CudaDevice]:
+    """Return the devices of NVIDIA's driver; none without the driver."""
+    try:
+        driver = Driver()
+        return [
+            describe_device(driver, number, find_compilers()) for number in range(driver.integer("cuDeviceGetCount"))
+        ]
+    except GpuError:
+        return []
+
+
+def describe_device(driver: Driver, number: int, compilers: Sequence[Path]) -> CudaDevice:
+    """Return what the driver knows of a device. `compilers` are files of NVRTC, the newest first. Errors are `GpuError`."""
+
+    def attribute(which: int) -> int:
+        return driver.integer("cuDeviceGetAttribute", which, device)
+
+    device = driver.integer("cuDeviceGet", number)
+    name, memory = ctypes.create_string_buffer(256), ctypes.c_size_t()
+    driver.call("cuDeviceGetName", name, len(name), device)
+    driver.call("cuDeviceTotalMem_v2", ctypes.byref(memory), device)
+    capability = 10 * attribute(MAJOR) + attribute(MINOR)
+    compiler, missing = _choose_compiler(compilers, driver.integer("cuDriverGetVersion") // 1000)
+    if capability < LEAST_CAPABILITY:
+        missing = f"its compute capability is {capability / 10:.1f}, training needs {LEAST_CAPABILITY / 10:.1f}"
+    limits = {
+        "max-compute-invocations-per-workgroup": attribute(THREADS),
+        "max-compute-workgroup-storage-size": attribute(SHARED_MEMORY),
+        "max-storage-buffers-per-shader-stage": BUFFERS,
+        "max-storage-buffer-binding-size": memory.value,
+    }
+    integrated = bool(attribute(IS_INTEGRATED))
+    return CudaDevice(name.value.decode(), device, capability, integrated, limits, driver, compiler, missing)
+
+
+def _choose_compiler(found: Sequence[Path], version: int) -> tuple[Path | None, str | None]:
+    """Return the compiler for a driver, and why there is none. version: major version of CUDA that the driver supports."""
+    fitting = [path for path in found if compiler_version(path) <= version]
+    if fitting:
+        return fitting[0], None
+    package = "nvidia-cuda-nvrtc" if version >= 13 else "nvidia-cuda-nvrtc-cu12"
+    what = "NVRTC is not installed" if not found else f"NVRTC {compiler_version(found[-1])} needs a newer driver"
+    return None, f"{what} (pip install {package})"

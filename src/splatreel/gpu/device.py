@@ -1,16 +1,49 @@
-"""A GPU: buffers, kernels and dispatches, whatever interface it is reached through."""
+"""A GPU: buffers, kernels and dispatches, whatever interface it is reached through.
+
+Kernels are WGSL files of the folder `shaders`, put together for one size of workgroups.
+"""
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from importlib import resources
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from splatreel.base.errors import GpuError
 from splatreel.gpu.adapters import Adapter
-from splatreel.gpu.kernel_source import BINDING, complete_source
+
+BINDING = re.compile(r"@binding\((\d+)\) var<(storage, read_write|storage, read|uniform)> (\w+)")
+_USES = re.compile(r"^// use: (.*)$", re.MULTILINE)
+_SUBGROUP_CALL = "add_up(local, entry.y, sum0, sum1, sum2, lane, number, subgroups, k % 2u);"
+_SUBGROUP_ARGUMENTS = (
+    ": u32, @builtin(subgroup_invocation_id) lane: u32, @builtin(subgroup_id) number: u32, "
+    "@builtin(num_subgroups) subgroups: u32"
+)
+
+
+def read_shader(name: str) -> str:
+    """Return the source of a file of the folder `shaders`. name: with its suffix, or without the suffix `.wgsl`."""
+    file = name if "." in name else f"{name}.wgsl"
+    return (resources.files("splatreel.gpu") / "shaders" / file).read_text(encoding="utf-8")
+
+
+def complete_source(name: str, group: int, subgroups: bool, **constants: str | int) -> str:
+    """Return the complete source of a kernel in `shaders`, for `group` threads. `constants` are names that the file leaves open."""
+    text = read_shader(name)
+    uses = [part.strip() for line in _USES.findall(text) for part in line.split(",")]
+    declared = "".join(f"const {label} = {value};\n" for label, value in constants.items())
+    if name == "backward":
+        chosen = "subgroups" if subgroups else "tree"
+        call = _SUBGROUP_CALL if subgroups else "add_up(local, entry.y, sum0, sum1, sum2);"
+        arguments = _SUBGROUP_ARGUMENTS if subgroups else ": u32"
+        text = text.replace("SUMS", read_shader(f"backward_{chosen}"))
+        text = text.replace("REDUCE", call).replace("SUBGROUP_ARGUMENTS", arguments)
+    return "\n".join([f"const GROUP = {group}u;\n", declared, *map(read_shader, uses), text])
+
 
 MOST_GROUPS = 65535
 """Largest number of workgroups along one axis, the minimum of WebGPU."""
@@ -28,7 +61,6 @@ class Gpu(ABC):
     """An opened adapter. A subclass for each interface creates buffers and runs kernels.
 
     Attributes:
-        adapter: The adapter.
         group: Threads of a workgroup.
         subgroups: Sums over a tile use subgroup operations.
         largest: Largest number of bytes of one buffer. The subclass sets it.
@@ -39,10 +71,7 @@ class Gpu(ABC):
     def __init__(self, adapter: Adapter, group: int | None, subgroups: bool | None) -> None:
         """Note what an adapter can do.
 
-        Args:
-            adapter: Adapter.
-            group: Threads of a workgroup: 64, 128 or 256; None chooses.
-            subgroups: Use subgroup operations; None uses them if there are any.
+        `group`: 64, 128 or 256 threads. `subgroups`: use subgroup operations, by default if there are any.
         """
         self.adapter = adapter
         self.group = group or 64
@@ -52,11 +81,7 @@ class Gpu(ABC):
 
     @abstractmethod
     def _allocate(self, size: int, label: str) -> Any:
-        """Return a storage buffer of zeros. size: bytes, a multiple of 64. It has an attribute `size`.
-
-        Raises:
-            GpuError: The device has no room.
-        """
+        """Return a storage buffer of zeros with an attribute `size`, bytes, a multiple of 64; or raise a `GpuError`."""
 
     @abstractmethod
     def uniform(self, array: np.ndarray) -> Any:
@@ -64,27 +89,15 @@ class Gpu(ABC):
 
     @abstractmethod
     def write(self, buffer: Any, array: np.ndarray, offset: int = 0) -> None:
-        """Copy an array into a buffer, before all work that is submitted later. offset: bytes, a multiple of four.
-
-        Raises:
-            GpuError: The device was lost.
-        """
+        """Copy an array into a buffer, before all work that is submitted later. offset: bytes, a multiple of four."""
 
     @abstractmethod
     def read(self, buffer: Any, dtype: Any, shape: Sequence[int]) -> np.ndarray:
-        """Wait for all submitted work, and return the first values of a buffer.
-
-        Raises:
-            GpuError: The device was lost.
-        """
+        """Wait for all submitted work, and return the first values of a buffer. A lost device raises a `GpuError`."""
 
     @abstractmethod
     def _compile(self, name: str, source: str) -> Any:
-        """Compile the complete source of a kernel.
-
-        Raises:
-            GpuError: It does not compile.
-        """
+        """Compile the complete source of a kernel, or raise a `GpuError`."""
 
     @abstractmethod
     def _bind(self, kernel: Kernel, buffers: Mapping[int, Any]) -> Any:
@@ -95,15 +108,7 @@ class Gpu(ABC):
         """Start a list of dispatches."""
 
     def zeros(self, nbytes: int, label: str = "a buffer") -> Any:
-        """Return a storage buffer of zeros.
-
-        Args:
-            nbytes: Size; at least 64 bytes are allocated.
-            label: Contents, for the error.
-
-        Raises:
-            GpuError: The device has no room, or does not allow a buffer of this size.
-        """
+        """Return a storage buffer of zeros of at least 64 bytes, or raise a `GpuError` that names its contents (`label`)."""
         size = max(-(-nbytes // 64) * 64, 64)
         if size > self.largest:
             raise GpuError(
@@ -146,7 +151,6 @@ class Recording(ABC):
     """A list of dispatches, which run in order when they are submitted."""
 
     def __init__(self, gpu: Gpu) -> None:
-        """Start an empty list."""
         self._group = gpu.group
 
     @abstractmethod
@@ -159,11 +163,7 @@ class Recording(ABC):
 
     @abstractmethod
     def submit(self) -> None:
-        """Start the work, without waiting for its end.
-
-        Raises:
-            GpuError: The device was lost.
-        """
+        """Start the work, without waiting for its end. A lost device raises a `GpuError`."""
 
     def run_each(self, kernel: Kernel, count: int, buffers: Mapping[str, Any], depth: int = 1) -> None:
         """Add a dispatch with a thread for each of `count` elements, `depth` times along the third axis."""

@@ -1,4 +1,7 @@
-"""Drawing on the GPU: projection, sorting into tiles, blending, the photometric loss, and all gradients."""
+"""Drawing on the GPU: projection, sorting into tiles, blending, the photometric loss, and all gradients.
+
+The uniform block of a draw has the fields that `shaders/common.wgsl` declares, in the same order.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,49 @@ from typing import Any
 import numpy as np
 
 from splatreel.gpu.device import Gpu, Recording
-from splatreel.gpu.uniforms import new_draw
+
+VECTORS = ("row0", "row1", "row2", "lens", "bounds", "center", "background", "loss", "surfaces", "motion")
+SHADES = ("shade_rates", "shade_price")
+NUMBERS = ("size", "counts", "rows", "numbers", "links")
+
+MOMENTS = 8
+"""Moments of a draw: the drawn one, three for smoothness, two for the slope of the time, one unused, the appearance."""
+DRAWN, START, END, BETWEEN, BEFORE, AFTER, _, APPEARANCE = range(MOMENTS)
+
+MOVED, SHADED, METERED, METERED_STATIC, WHOLE, FINE, ABSOLUTE, LEARNS_GAINS, SCALED_STEPS, RIGID = (
+    1 << bit for bit in range(10)
+)
+"""Flags of a draw."""
+
+DRAW = np.dtype(
+    [(name, np.float32, 4) for name in (*VECTORS, *SHADES)]
+    + [(name, np.uint32, 4) for name in NUMBERS]
+    + [("meters", np.float32, 4)]
+    + [("knots", np.uint32, (MOMENTS, 4)), ("weights", np.float32, (MOMENTS, 4)), ("adam", np.float32, (10, 4))]
+)
+
+
+def new_draw() -> np.ndarray:
+    """Return a block [] of zeros."""
+    return np.zeros((), DRAW)
+
+
+def fill_view(
+    draw: np.ndarray, viewmat: np.ndarray, K: np.ndarray, width: int, height: int, near: float, antialias: bool
+) -> None:
+    """Fill the fields of a camera as `kernels.project.Pinhole`. `antialias` blurs splats by 0.1 square pixels instead of 0.3."""
+    fx, fy, cx, cy = (float(K[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    margin_x, margin_y = 0.15 * width / fx, 0.15 * height / fy
+    draw["row0"], draw["row1"], draw["row2"] = viewmat[:3]
+    draw["lens"] = fx, fy, cx, cy
+    draw["bounds"][:2] = -cx / fx - margin_x, (width - cx) / fx + margin_x
+    draw["bounds"][2:] = -cy / fy - margin_y, (height - cy) / fy + margin_y
+    draw["center"][:3] = -viewmat[:3, :3].T @ viewmat[:3, 3]
+    draw["center"][3] = near
+    draw["background"][3] = 0.1 if antialias else 0.3
+    draw["size"] = width, height, -(-width // 16), -(-height // 16)
+    draw["numbers"][0] = int(draw["numbers"][0]) & ~FINE | (FINE if antialias else 0)
+
 
 Buffers = dict[str, Any]
 """Buffers by their names in the kernels."""
@@ -29,15 +74,10 @@ class Drawing:
     """Buffers and dispatches to draw points at one image size, in front of static splats, and to compute gradients.
 
     Attributes:
-        gpu: Device.
-        buffers: Buffers by name.
-        count: Number of points.
-        columns: Number of parameters of a point.
         capacity: Number of (splat, tile) pairs that fit.
     """
 
     def __init__(self, gpu: Gpu) -> None:
-        """Create a drawing without points."""
         self.gpu = gpu
         self.count: int = 0
         self.columns = 14
@@ -112,9 +152,9 @@ class Drawing:
         """Wait, and return the number of pairs that did not fit; 0 if all fit."""
         return int(self.gpu.read(self.buffers["status"], np.uint32, (1,))[0])
 
-    def grow(self, needed: int, static_pairs: int = 0, measured: bool = False) -> None:
+    def grow(self, needed: int) -> None:
         """Make room for pairs that did not fit, and let kernels run again."""
-        self.fit_pairs(needed, static_pairs, measured)
+        self.fit_pairs(needed)
         self.gpu.write(self.buffers["status"], np.zeros(1, np.uint32))
 
     def record_pairs(self, to: Recording, buffers: Buffers, count: int | None = None) -> None:
@@ -191,3 +231,96 @@ class Drawing:
         none = self.buffers["empty"]
         static = {"static_splats": none, "static_pairs": none, "chosen": none, "frozen": none}
         return self.buffers | static | {"static_offsets": self.buffers["no_offsets"]}
+
+
+HIDDEN = -100.0
+"""Logit of the opacity of points that are no longer static."""
+LOGIT = 10
+"""Row of the logits among the parameters."""
+
+
+class StaticScene:
+    """Static points, hidden ones included. Each view projects and sorts them once, and draws them once alone.
+
+    `pairs` is the largest number of (splat, tile) pairs of a view so far.
+    """
+
+    def __init__(self, gpu: Gpu, params: np.ndarray) -> None:
+        """Prepare static points. `params` [columns, S] are those of `Drawing.set_points`."""
+        self._gpu = gpu
+        self._params = params
+        self.count = params.shape[1]
+        self.pairs = 0
+        self._views: dict[int, Buffers] = {}
+        self._shown: Any = None
+        self.chosen: Any = gpu.zeros(4 * self.count)
+        self.meter: Any = gpu.zeros(8 * self.count)
+
+    def set_alive(self, alive: np.ndarray, chosen: np.ndarray) -> None:
+        """Show only the points of a mask [S], and forget the views. The gradients of `chosen` points [S] can be measured."""
+        params = self._params.copy()
+        params[LOGIT, ~alive] = HIDDEN
+        self._shown = self._gpu.upload(params, "the static points")
+        self.chosen = self._gpu.upload(chosen.astype(np.uint32), "the static points")
+        self.forget_views()
+
+    def forget_views(self) -> None:
+        """Forget what the views know, such as after a change of the image size."""
+        self._views.clear()
+        self._gpu.forget_buffers()
+        self.pairs = 0
+
+    def restart_meter(self) -> None:
+        """Set the measured gradients to zero."""
+        self._gpu.write(self.meter, np.zeros(2 * self.count, np.float32))
+
+    def view(self, camera: int, draw: np.ndarray, drawing: Drawing) -> Buffers:
+        """Return the buffers of a view by the names under which kernels read them. `drawing` has the image size of the view."""
+        if camera not in self._views:
+            self._views[camera] = self._freeze(draw, drawing)
+            self.pairs = max(self.pairs, self._views[camera]["pairs"])
+        return self._views[camera]
+
+    def _freeze(self, draw: np.ndarray, drawing: Drawing) -> Buffers:
+        gpu, s, (width, height) = self._gpu, self.count, drawing.size
+        tiles = -(-width // 16) * -(-height // 16)
+        block = draw.copy()
+        block["counts"][0], block["counts"][2] = s, 0
+        block["numbers"][0] = int(block["numbers"][0]) & ~0x3 | WHOLE  # neither moved nor shaded
+        uniform = gpu.uniform(block)
+        kept: Buffers = {
+            "static_splats": gpu.zeros(SPLAT_BYTES * s, "the static splats of a view"),
+            "static_first": gpu.zeros(4 * (s + 1), "the static splats of a view"),
+            "static_offsets": gpu.zeros(4 * (tiles + 1)),
+            "frozen": gpu.zeros(16 * width * height, "the static image of a view"),
+            "chosen": self.chosen,
+        }
+        used = drawing.alone() | {
+            "draw": uniform,
+            "params": self._shown,
+            "splats": kept["static_splats"],
+            "first": kept["static_first"],
+            "tile_counts": kept["static_offsets"],
+            "tile_offsets": kept["static_offsets"],
+            "image": kept["frozen"],
+            "status": gpu.zeros(8),
+        }
+        counting = gpu.record()
+        drawing.record_counts(counting, used, s)
+        counting.submit()
+        pairs = int(gpu.read(kept["static_first"], np.uint32, (s + 1,))[-1])
+        block["counts"][3] = pairs
+        gpu.write(uniform, block)
+        kept["static_pairs"] = gpu.zeros(16 * pairs, "the static pairs of a view")
+        used |= {
+            "static_pairs": drawing.buffers["empty"],
+            "keys": gpu.zeros(8 * pairs, "the static pairs of a view"),
+            "owners": gpu.zeros(4 * pairs, "the static pairs of a view"),
+            "list": gpu.zeros(8 * pairs, "the static pairs of a view"),
+        }
+        sorting = gpu.record()
+        drawing.record_pairs(sorting, used, s)
+        sorting.run_each(gpu.kernel("freeze"), pairs, used | {"static_pairs": kept["static_pairs"]})
+        drawing.record_image(sorting, used)
+        sorting.submit()
+        return kept | {"pairs": pairs}

@@ -14,7 +14,6 @@ class SharedGpu:
     """An adapter that is opened when it is first used. After a failure, the process does not use it again.
 
     Attributes:
-        adapter: The adapter.
         kind: Value of `--device` that chooses it: gpu, or cuda with gsplat.
         failure: What failed; None if nothing did.
     """
@@ -30,8 +29,7 @@ class SharedGpu:
     def open(self) -> Any:
         """Return the opened device, a `Gpu` or one with programs of its own; None after a failure.
 
-        Raises:
-            GpuError: The driver refuses.
+        The driver may raise a `GpuError`.
         """
         if self._gpu is None and self.failure is None:
             self._gpu = (self._opener or open_gpu)(self.adapter)
@@ -44,11 +42,7 @@ class SharedGpu:
 
 
 def open_gpu(adapter: Adapter) -> Gpu:
-    """Open an adapter through its interface.
-
-    Raises:
-        GpuError: The driver refuses.
-    """
+    """Open an adapter through its interface, or raise a `GpuError`."""
     if adapter.interface == CUDA:
         from splatreel.gpu.cuda_device import CudaGpu
 

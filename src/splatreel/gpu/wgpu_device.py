@@ -26,11 +26,7 @@ ERRORS: tuple[type[Exception], ...] = (wgpu.GPUError, RuntimeError)
 
 
 class WgpuGpu(Gpu):
-    """An opened adapter of wgpu.
-
-    Attributes:
-        device: Device of wgpu.
-    """
+    """An opened adapter of wgpu."""
 
     def __init__(
         self,
@@ -39,16 +35,9 @@ class WgpuGpu(Gpu):
         subgroups: bool | None = None,
         limits: Mapping[str, int] | None = None,
     ) -> None:
-        """Open an adapter.
+        """Open an adapter, see `Gpu`.
 
-        Args:
-            adapter: Adapter to open.
-            group: Threads of a workgroup: 64, 128 or 256; None chooses.
-            subgroups: Use subgroup operations; None uses them if there are any.
-            limits: Limits to ask for; None asks for all that the adapter has.
-
-        Raises:
-            GpuError: The driver refuses.
+        `limits` are asked for; None asks for all that the adapter has. The driver may raise a `GpuError`.
         """
         super().__init__(adapter, group, subgroups)
         asked = {name: adapter.limits[name] for name in LIMITS if name in adapter.limits}
@@ -120,7 +109,6 @@ class WgpuRecording(Recording):
     """A command buffer."""
 
     def __init__(self, gpu: WgpuGpu) -> None:
-        """Start an empty command buffer."""
         super().__init__(gpu)
         self._gpu = gpu
         self._encoder = gpu.device.create_command_encoder()

@@ -7,7 +7,7 @@ import torch
 
 from splatreel.gpu.adapters import Adapter
 from splatreel.gpu.shared_gpu import SharedGpu
-from splatreel.gsplat import group, keyframe
+from splatreel.gsplat import program
 from splatreel.gsplat.drawing import Lens, rasterize, splats_of
 from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.train.programs import GroupState, KeyframeState, terms_without_kernels
@@ -20,34 +20,29 @@ INTERFACE = "CUDA with gsplat"
 
 
 class GsplatGpu:
-    """An NVIDIA GPU of PyTorch whose programs call gsplat.
+    """An NVIDIA GPU of PyTorch whose programs call gsplat."""
 
-    Attributes:
-        device: Device of the tensors.
-    """
-
-    def __init__(self, device: str = "cuda") -> None:
-        """Choose a device of PyTorch."""
-        self.device = torch.device(device)
+    def __init__(self) -> None:
+        self.device = torch.device("cuda")
 
     def unsupported(self, state: GroupState | KeyframeState) -> str | None:
         """Return why the programs cannot train a state; None if they can."""
         of_group = isinstance(state, GroupState)
         if of_group and not isinstance(state.points.deformation, Trajectory):
             return "the hash grid runs on the CPU"
-        known = group.TERMS if of_group else keyframe.TERMS
+        known = program.GROUP_TERMS if of_group else program.KEYFRAME_TERMS
         others = [term.name for term in state.losses if type(term) not in known]
         if others:
             return f"the programs of gsplat do not compute the loss {', '.join(others)}"
         return terms_without_kernels(state.losses)
 
-    def group_program(self, state: GroupState) -> group.GsplatGroupProgram:
+    def group_program(self, state: GroupState) -> program.GsplatGroupProgram:
         """Return the program of a group."""
-        return group.GsplatGroupProgram(self.device, state)
+        return program.GsplatGroupProgram(self.device, state)
 
-    def keyframe_program(self, state: KeyframeState) -> keyframe.GsplatKeyframeProgram:
+    def keyframe_program(self, state: KeyframeState) -> program.GsplatKeyframeProgram:
         """Return the program of a keyframe."""
-        return keyframe.GsplatKeyframeProgram(self.device, state)
+        return program.GsplatKeyframeProgram(self.device, state)
 
 
 def shared_gpu() -> SharedGpu:

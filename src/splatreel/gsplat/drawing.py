@@ -1,9 +1,10 @@
-"""Projection and drawing by gsplat, and frozen splats of which only the tiles that others touch are drawn again."""
+"""Projection and drawing by gsplat, frozen splats of which only the tiles that others touch are drawn again, and losses."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple
 
 import torch
@@ -11,7 +12,10 @@ import torch.nn.functional as functional
 from torch import Tensor
 
 import gsplat
+from splatreel.kernels.photometric import SSIM_C1, SSIM_C2, WINDOW
 from splatreel.kernels.project import BLUR, FINE_BLUR
+from splatreel.method.train.terms.surfaces import EDGE_CONTRAST, MAX_SEPARATION, MIN_VARIANCE
+from splatreel.method.train.terms.term import MIN_ALPHA
 
 TILE = 16
 
@@ -21,11 +25,6 @@ class Lens:
     """A view on the device.
 
     Attributes:
-        viewmat: [4, 4] world to camera.
-        K: [3, 3] pixels.
-        center: [3], the camera's position.
-        width: Pixels.
-        height: Pixels.
         antialias: Opacities are reduced by the area that antialiasing adds to splats.
         clear: Depth up to which static points are not drawn, world units.
         background: [3]; None is black.
@@ -87,12 +86,7 @@ def splats_of(
 ) -> Splats:
     """Deform points, project them and compute their colors relative to the background. Differentiable.
 
-    Args:
-        points: Tensors in the order of `trainable_points.NAMES`.
-        offsets: dx [N, 3] and dq [N, 4]; None for none.
-        shade: [N, 4], added to c_base and to the logit of the opacity; None for none.
-        lens: View.
-        near: Smallest depth drawn, world units.
+    `offsets` are dx [N, 3] and dq [N, 4]. `shade` [N, 4] is added to c_base and to the logit of the opacity.
     """
     means, quats, log_scales, logits, base, rest = points
     if shade is not None:
@@ -129,13 +123,10 @@ def _project(means: Tensor, quats: Tensor, scales: Tensor, lens: Lens, near: flo
 def rasterize(
     splats: Splats, lens: Lens, absolute: Tensor | None = None, tiles: Tensor | None = None
 ) -> tuple[Tensor, Tensor]:
-    """Return image and alpha over black.
+    """Return image and alpha over black, of splats with any number of channels.
 
-    Args:
-        splats: N splats with any number of channels.
-        lens: View.
-        absolute: [N, 2], to which the backward pass adds the sums over pixels of the absolute gradients of `means2d`; None for none.
-        tiles: [rows, columns] bool, the tiles to draw; gsplat leaves all other tiles empty.
+    The backward pass adds the sums over pixels of the absolute gradients of `means2d` to `absolute` [N, 2]. gsplat
+    leaves all tiles empty but those of `tiles` [rows, columns] bool.
     """
     means2d, conics, colors, opacities, depths, radii = splats
     width, height = lens.width, lens.height
@@ -217,3 +208,86 @@ def turn(quats: Tensor, dq: Tensor) -> Tensor:
     bw, bv = dq[:, :1], dq[:, 1:]
     w = aw * bw - (av * bv).sum(-1, keepdim=True)
     return torch.cat([w, aw * bv + bw * av + torch.linalg.cross(av, bv)], -1)
+
+
+def photometric(image: Tensor, target: Tensor, lambda_dssim: float, gain: Tensor | None) -> Tensor:
+    """Return the photometric loss of 3DGS of an image [H, W, 3] against a target, uint8. gain: [3]; None is 1."""
+    if gain is not None:
+        image = image * gain
+    x, y = image.permute(2, 0, 1), target.to(image.dtype).permute(2, 0, 1) / 255
+    mx, my, xx, yy, xy = _blur(torch.stack([x, y, x * x, y * y, x * y]))
+    vx, vy, covariance = xx - mx * mx, yy - my * my, xy - mx * my
+    c1, c2 = float(SSIM_C1), float(SSIM_C2)
+    ssim = (2 * mx * my + c1) * (2 * covariance + c2) / ((mx * mx + my * my + c1) * (vx + vy + c2))
+    return (1 - lambda_dssim) * (x - y).abs().mean() + lambda_dssim * (1 - ssim.mean())
+
+
+def _blur(maps: Tensor) -> Tensor:
+    """Blur maps [M, 3, H, W] with the SSIM window, zeros outside."""
+    flat, window = maps.reshape(-1, 1, *maps.shape[-2:]), _window(maps.device)
+    across = functional.conv2d(flat, window.view(1, 1, 1, -1), padding=(0, len(window) // 2))
+    return functional.conv2d(across, window.view(1, 1, -1, 1), padding=(len(window) // 2, 0)).view(maps.shape)
+
+
+@cache
+def _window(device: torch.device) -> Tensor:
+    """Return the SSIM window [11], copied once, since a copy waits for the GPU."""
+    return torch.as_tensor(WINDOW, dtype=torch.float32, device=device)
+
+
+def surfaces(
+    splats: Splats, lens: Lens, near: float, image: Tensor, spread: float, roughness: float, span: float
+) -> Tensor:
+    """Return the weighted losses of surfaces, see `method.train.terms.surfaces`. Only opacities get gradients.
+
+    `span` is the typical viewing distance in multiples of the near plane.
+    """
+    depth = (splats.depths.clamp_min(near) / near).log()
+    sums, alpha = rasterize(splats._replace(colors=torch.stack([depth, depth.square(), depth**3], 1)), lens)
+    first, second, third = (sums / alpha.clamp_min(MIN_ALPHA)[..., None]).unbind(-1)
+    cost = torch.zeros((), device=alpha.device)
+    if spread:
+        with torch.no_grad():
+            variance = (second - first.square()).clamp_min(MIN_VARIANCE)
+            skewness = (third - 3 * first * variance - first**3) / variance**1.5
+            root = (skewness.square() + 4).sqrt()
+            far = first + variance.sqrt() * (skewness + root) / 2
+            share = (root - skewness) / (2 * root)
+            weight = alpha * share.square() * (MAX_SEPARATION**2 / (variance * root.square())).clamp_max(1)
+        cost = cost + spread * (weight * (second - 2 * far * first + far.square())).mean()
+    if roughness:
+        cost = cost + roughness * _bends(span * (-first).exp(), image.float() / 255)
+    return cost
+
+
+def _bends(inverse: Tensor, colors: Tensor) -> Tensor:
+    """Return the mean second difference of inverse depths [H, W] along rows and columns, less where colors [H, W, 3] differ."""
+    cost = inverse.new_zeros(())
+    for along in (0, 1):
+        before, here, after = (inverse.narrow(along, k, inverse.shape[along] - 2) for k in range(3))
+        first, last = (colors.narrow(along, k, inverse.shape[along] - 2) for k in (0, 2))
+        plain = torch.exp((last - first).abs().amax(-1) / -EDGE_CONTRAST)
+        cost = cost + (plain * (before - 2 * here + after).abs()).mean()
+    return cost
+
+
+def rigidity(means: Tensor, dx: Tensor, dq: Tensor, neighbor: Tensor, weights: Tensor, unit: float) -> Tensor:
+    """Return the as-rigid-as-possible loss of every point with one neighbor, see `kernels.motion.arap`."""
+    half = (means - means[neighbor]).detach() / 2
+    dq, rotation = functional.normalize(dq, dim=-1), _rotation(dq)
+    rotated = ((rotation + rotation[neighbor]) @ half[..., None])[..., 0]
+    apart = 2 * half + dx - dx[neighbor]
+    shift = apart - rotated
+    stretch = 2 * half.norm(dim=1) - apart.square().sum(1).add(1e-12).sqrt()
+    turned = (dq - dq[neighbor]).abs().sum(1)
+    return (weights * (turned + (shift.abs().sum(1) + stretch.abs()) / unit)).mean()
+
+
+def _rotation(quats: Tensor) -> Tensor:
+    w, x, y, z = functional.normalize(quats, dim=-1).unbind(-1)
+    rows = [
+        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
+        torch.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
+        torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
+    ]
+    return torch.stack(rows, -2)

@@ -12,8 +12,7 @@ from splatreel.base.errors import GaussiansError
 from splatreel.base.progress import Progress
 from splatreel.evaluation.metrics import psnr
 from splatreel.importing.frames import Frames
-from splatreel.play.renderers import draw_on_cpu
-from splatreel.play.timeline import Timeline, open_reel
+from splatreel.play.timeline import Timeline, draw_on_cpu, open_reel
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 

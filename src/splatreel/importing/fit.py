@@ -20,7 +20,7 @@ from splatreel.importing.frames import Frames
 from splatreel.importing.viewpoints import SHOWS
 from splatreel.method.images.change import difference, per_camera
 from splatreel.method.images.temporal_mean import MAX_DIFFERENCE, mean_of_alike
-from splatreel.play.renderers import draw_on_cpu
+from splatreel.play.timeline import draw_on_cpu
 from splatreel.run.output.group_writer import PresentationHook, no_presentation
 from splatreel.run.pipeline import reconstruct
 from splatreel.scene.camera import Camera

@@ -16,8 +16,8 @@ from typing import Literal
 import numpy as np
 
 from splatreel.base.errors import GaussiansError
-from splatreel.formats.moving_columns import EXPORT
 from splatreel.formats.registry import SOG_FOLDERS, SUFFIXES
+from splatreel.formats.splat_columns import EXPORT
 from splatreel.formats.streamed_sog import LOD_META
 
 _TRAINED_ITERATION = re.compile(r"(coarse_)?iteration_\w+")

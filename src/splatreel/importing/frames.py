@@ -11,14 +11,12 @@ from typing import Protocol
 
 import numpy as np
 
-from splatreel.base.archives import copy_member, naming_damage
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget
-from splatreel.base.untrusted import check_regular
+from splatreel.base.untrusted import check_regular, copy_member, naming_damage
 from splatreel.formats.fourdgs import FourdgsScene
 from splatreel.formats.registry import columns_of, is_antialiased, read_splats, size_of
-from splatreel.formats.remarks import Remarks
-from splatreel.formats.splat_columns import MANY, Encoding, encoding_of
+from splatreel.formats.splat_columns import MANY, Encoding, Remarks, encoding_of
 from splatreel.importing.frame_files import Gaps, Order, check_no_checkpoint, find_files, find_members, order_frames
 from splatreel.importing.moving_models import Dynamic3DGS, SpacetimeGaussians, is_spacetime
 from splatreel.scene.gaussians import Gaussians

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from splatreel.codec.predictive.points import MAX_BITS
 from splatreel.codec.predictive.precision import STEPS, coarsest_class
-from splatreel.codec.predictive.quantized_positions import MAX_BITS
 from splatreel.config import EncodeConfig
 from splatreel.importing.identity import log_scales
 from splatreel.importing.viewpoints import visible_positions

@@ -11,9 +11,7 @@ from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget, points_memory
 from splatreel.base.ply_table import Columns, read_elements
 from splatreel.base.untrusted import ArrayRows, read_arrays, read_file
-from splatreel.formats.plausible import check_plausible
-from splatreel.formats.remarks import Remarks
-from splatreel.formats.splat_columns import drop_nan
+from splatreel.formats.splat_columns import Remarks, check_plausible, drop_nan
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians
 

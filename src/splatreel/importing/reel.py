@@ -19,9 +19,8 @@ from splatreel.importing.frames import Frames
 from splatreel.importing.grouping import Reach, SegmentBuilder, StaticLayers, group_of, stretch
 from splatreel.importing.identity import Identities
 from splatreel.importing.viewpoints import ring, visible_positions
-from splatreel.method.encode.importance import weigh
-from splatreel.method.init.layout import measure
-from splatreel.method.init.limits import limits
+from splatreel.method.encode.compression import weigh
+from splatreel.method.init.layout import limits, measure
 from splatreel.run.output.group_writer import PresentationHook, no_presentation
 from splatreel.scene.camera import Camera, middle_camera
 from splatreel.scene.gaussians import Gaussians

@@ -128,7 +128,6 @@ def _add_signs(first, last, values, prices, slopes):
 
 @njit(inline="always")
 def _rest(p, m, s, first, last, rate, decay, square_decay, correction, eps):
-    """Update values first..last, whose gradient is 0."""
     for j in range(U(first), U(last)):
         m[j] *= decay
         s[j] *= square_decay

@@ -38,10 +38,7 @@ C3 = (
 def forward(degree: int, directions: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     """Return the sum [N, 3] of the harmonics up to a degree in the 3DGS order, without the 0.5 of 3DGS colors.
 
-    Args:
-        degree: 0..3.
-        directions: [N, 3] of any length, from the camera to the point.
-        coefficients: [N, K, 3], K >= (degree + 1)^2.
+    `directions` [N, 3] from the camera may have any length; `coefficients` are [N, K, 3].
 
     Raises:
         GaussiansError: There are too few coefficients for the degree.

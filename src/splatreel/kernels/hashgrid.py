@@ -24,17 +24,14 @@ PRIME_Y, PRIME_Z = np.uint32(2654435761), np.uint32(805459861)
 def forward(coords: np.ndarray, table: np.ndarray, resolutions: np.ndarray) -> np.ndarray:
     """Return trilinear features [N, L * F] of every level of a multiresolution hash grid.
 
-    A level whose corners fit into T rows is stored densely. Other levels are hashed.
-
-    Args:
-        coords: [N, 3], clamped to 0..1.
-        table: [L, T, F], T a power of two.
-        resolutions: [L, 3] ints, cells along each axis.
+    A level whose corners fit into T rows is stored densely. Other levels are hashed. `coords` [N, 3] are clamped to
+    0..1. `table` is [L, T, F], T a power of two. `resolutions` [L, 3] are cells along each axis.
 
     Raises:
         GaussiansError: The shapes do not fit.
 
-    Source: Instant-NGP, section 3.
+    Source:
+        Instant-NGP, section 3.
     """
     levels, size, features = table.shape
     if resolutions.shape != (levels, 3) or resolutions.min() < 1 or size & (size - 1):

@@ -53,7 +53,6 @@ class Backdrop:
         background: tuple[float, float, float] = (0, 0, 0),
         antialias: bool = False,
     ) -> None:
-        """Draw the Gaussians. Arguments and errors are those of `render_image`."""
         self.camera = camera
         self.near = near
         self.background = background

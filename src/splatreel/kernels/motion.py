@@ -36,12 +36,8 @@ def offsets(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return dx [N, 3] and dq [N, 4] of points at one time: the points' own splines plus those of their nodes.
 
-    Args:
-        nodes: [4, M, 7] controls of the nodes that count: dx in units of `unit`, and dq without its identity.
-        points: [4, N, 7] controls of the points, likewise.
-        weights: [4] float32, those of the four knots.
-        skin: Nodes of each point and their weights.
-        unit: Length of one unit of the controls, world units.
+    `nodes` [4, M, 7] and `points` [4, N, 7] are the controls that count: dx in units of `unit`, and dq without its
+    identity. `weights` [4] are those of the four knots. `skin` are the nodes of each point and their weights.
     """
     n = points.shape[1]
     dx, dq = np.empty((n, 3), np.float32), np.empty((n, 4), np.float32)
@@ -68,19 +64,10 @@ def product_sum(controls: np.ndarray, weights: np.ndarray, slopes: np.ndarray) -
 def arap(
     means: np.ndarray, dx: np.ndarray, dq: np.ndarray, neighbor: np.ndarray, weights: np.ndarray, unit: float
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return the as-rigid-as-possible loss and its gradients to dx and dq.
+    """Return the as-rigid-as-possible loss and its gradients to dx [N, 3] and dq [N, 4] (paper, section 4.2).
 
-    Neighbors should turn and move alike, and keep their distance.
-
-    Args:
-        means: [N, 3].
-        dx: [N, 3].
-        dq: [N, 4].
-        neighbor: [N] int64, one neighbor of every point.
-        weights: [N] float32. The loss is the weighted mean over the points.
-        unit: Length that distances are measured in, world units.
-
-    Source: paper, section 4.2.
+    Each point of means [N, 3] and its `neighbor` [N] should turn and move alike, and keep their distance, measured in
+    `unit`. The loss is the mean over the points, weighted by `weights` [N].
     """
     n = len(means)
     losses, units = np.empty(n, np.float32), np.empty((n, 5), np.float32)

@@ -23,24 +23,11 @@ def disagreement(
     least: float,
     share: float,
 ) -> np.ndarray:
-    """Return the mean color difference between each sample point and its ray, over the views whose masks contain the point.
+    """Return the mean color difference [R, D], 0..1, between D sample points along R rays and the colors [R, 3] of the rays.
 
-    A view sees a point if the point projects into its image and no known surface hides it.
-
-    Args:
-        places: [R, D, 3] world, D sample points along each of R rays.
-        own: [R, 3], 0..1, the color of each ray.
-        viewmats: [C, 4, 4] world to camera.
-        Ks: [C, 3, 3] pixels.
-        images: [C, H, W, 3] uint8.
-        wrong: [C, H, W] bool, the mask of each view.
-        depths: [C, H, W] depths of known surfaces; infinite where none is known.
-        near: Smallest depth that a view sees, world units.
-        least: Smallest number of masks that must contain a point.
-        share: Smallest share, 0..1, of the views which see a point whose masks must contain it.
-
-    Returns:
-        [R, D] float32, 0..1; infinite for points that too few masks contain.
+    It is the mean over the views whose masks `wrong` [C, H, W] contain the point; infinite for points that fewer than
+    `least` masks contain, or a smaller share than `share` of the masks of the views that see them. A view sees a point
+    if it projects into the image and no known surface (`depths` [C, H, W]) hides it.
     """
     out = np.full(places.shape[:2], np.inf, np.float32)
     places, own, viewmats, Ks = (np.ascontiguousarray(array, np.float32) for array in (places, own, viewmats, Ks))
@@ -59,20 +46,10 @@ def color_differences(
     depths: np.ndarray,
     near: float,
 ) -> np.ndarray:
-    """Return the mean color difference between points and the positions that each candidate translation moves them to.
+    """Return the mean color difference [M], 0..1, between points [P, 3] and where each candidate translation [M, 3] moves them all.
 
-    Args:
-        points: [P, 3] world.
-        motions: [M, 3] world, the candidate translations. All points take the same one.
-        viewmats: [C, 4, 4] world to camera.
-        Ks: [C, 3, 3] pixels.
-        here: [C, H, W, 3] uint8, images of the first frame.
-        there: [C, H, W, 3] uint8, images of the second frame.
-        depths: [C, H, W], depths that may hide points in the first frame; infinite where nothing does.
-        near: Smallest depth that a view sees, world units.
-
-    Returns:
-        [M] float32, 0..1, the mean over the views that see a point in both frames; 1 where no view does.
+    It is the mean over the views that see a point in both frames; 1 where no view does. `depths` [C, H, W] may hide
+    points in the first frame.
     """
     points, motions, viewmats, Ks = (
         np.ascontiguousarray(array, np.float32) for array in (points, motions, viewmats, Ks)

@@ -37,10 +37,6 @@ class Gradients(NamedTuple):
     """Gradients of N splats.
 
     Attributes:
-        means2d: [N, 2].
-        conics: [N, 3].
-        opacities: [N].
-        colors: [N, 3].
         absolute: [N, 2], sum over tiles of the absolute gradient to `means2d` of each tile.
     """
 

@@ -62,15 +62,9 @@ def make_views(viewmats: np.ndarray, Ks: np.ndarray, images: np.ndarray, depths:
 
 
 def sample_colors(points: np.ndarray, views: Views) -> tuple[np.ndarray, np.ndarray]:
-    """Sample the colors of points in every view.
+    """Return seen [N, C] bool, whether a view sees a point, and colors [N, C, 3] float32, 0..255, of points [N, 3] in every view.
 
-    Args:
-        points: [N, 3] float32 world.
-        views: The views.
-
-    Returns:
-        seen [N, C] bool, whether a view sees a point, and colors [N, C, 3] float32, 0..255. Where a view does not see a point, the
-        color is the mean over the views that do.
+    Where a view does not see a point, the color is the mean over the views that do.
     """
     shape = len(points), len(views.Ks)
     seen, colors = np.zeros(shape, np.bool_), np.zeros((*shape, 3), np.float32)
@@ -79,15 +73,9 @@ def sample_colors(points: np.ndarray, views: Views) -> tuple[np.ndarray, np.ndar
 
 
 def color_differences(places: np.ndarray, patches: np.ndarray, template: Template) -> np.ndarray:
-    """Return the mean color difference of patches between given positions and the template.
+    """Return the mean color difference [Q], 0..1, of patches [Q, K] of points at `places` [N, 3] from the template.
 
-    Args:
-        places: [N, 3] float32 world, the positions of the points.
-        patches: [Q, K] int64, the points of each patch.
-        template: Reference colors and the views to compare with.
-
-    Returns:
-        [Q] float32, 0..1; 0 for patches that hardly any view sees.
+    It is 0 for patches that hardly any view sees.
     """
     out = np.empty(len(patches), np.float32)
     _color_differences.over(len(patches), places, patches, STAY, *template, _space_for_pairs(patches), out)
@@ -97,21 +85,10 @@ def color_differences(places: np.ndarray, patches: np.ndarray, template: Templat
 def initial_moves(
     here: np.ndarray, last: np.ndarray, there: np.ndarray, patches: np.ndarray, judged: np.ndarray, template: Template
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a first move for each patch.
+    """Return a first move [Q, 3, 4] for each patch [Q, K], and its cost [Q]; 0 for patches that were not judged.
 
-    A judged patch takes the cheapest of three moves: the fit to `there`, no motion, or its move from `last` to `here` once more.
-    Other patches take the fit to `there`.
-
-    Args:
-        here: [N, 3] float32 world, the points now.
-        last: [N, 3], the points one frame before.
-        there: [N, 3], the points one frame later according to optical flow.
-        patches: [Q, K] int64, the points of each patch.
-        judged: [Q] bool, the patches to compare moves for.
-        template: Reference colors and the views of the later frame.
-
-    Returns:
-        The moves [Q, 3, 4] float32 and their costs [Q] float32; 0 for patches that were not judged.
+    A patch of `judged` [Q] takes the cheapest of three moves: the fit to `there`, no motion, or its move from `last` to
+    `here` once more. Other patches take the fit to `there`, the points one frame later according to optical flow.
     """
     moves, costs = np.empty((len(patches), 3, 4), np.float32), np.zeros(len(patches), np.float32)
     flow, again = rigid_fits(here, there, patches), np.empty_like(moves)
@@ -122,16 +99,7 @@ def initial_moves(
 
 
 def rigid_fits(start: np.ndarray, end: np.ndarray, patches: np.ndarray) -> np.ndarray:
-    """Return the move [Q, 3, 4] float32 of each patch that fits its points in `start` to those in `end` by least squares.
-
-    Args:
-        start: [N, 3] positions.
-        end: [N, 3] positions after the move.
-        patches: [Q, K] int64, the points of each patch.
-
-    Source:
-        Kabsch 1976.
-    """
+    """Return the move [Q, 3, 4] float32 of each patch [Q, K] that fits its points in `start` to those in `end` (Kabsch 1976)."""
     a, b = (positions[patches].astype(np.float64) for positions in (start, end))
     center_a, center_b = a.mean(1, keepdims=True), b.mean(1, keepdims=True)
     U, _, Vt = np.linalg.svd((a - center_a).transpose(0, 2, 1) @ (b - center_b))
@@ -153,19 +121,10 @@ def refine_moves(
     share: float,
     template: Template,
 ) -> None:
-    """Improve the moves of chosen patches in one sweep, in place.
+    """Improve the moves of chosen patches [B] in one sweep, in place.
 
-    Each patch tries the moves of its neighbors, then small changes of the best move.
-
-    Args:
-        here: [N, 3] float32 world, the points now.
-        patches: [Q, K] int64, the points of each patch.
-        chosen: [B] int64, the patches to improve.
-        around: [Q, A] int64, the neighbors of each patch.
-        moves: [Q, 3, 4], as `initial_moves` returns them.
-        costs: [Q], as `initial_moves` returns them.
-        share: Size of the first steps, relative to the default.
-        template: Reference colors and the views of the later frame.
+    Each patch tries the moves of its neighbors `around` [Q, A], then small changes of the best move. `share` is the
+    size of the first steps, relative to the default.
     """
     given = here, patches, chosen, around, moves.copy(), F(share), *template
     space = _space_for_pairs(patches), np.empty((len(patches), 2, 3, 4), np.float32)

@@ -55,7 +55,6 @@ class Row:
     """A row of floats or booleans in a function that is being compiled."""
 
     def __init__(self, builder: Any, value: Any) -> None:
-        """Wrap an LLVM vector."""
         self.builder = builder
         self.value = value
         self.width = value.type.count
@@ -151,7 +150,6 @@ class Memory:
     """A float32 array in a function that is being compiled, read and written by rows. width: floats in a row."""
 
     def __init__(self, context: Any, builder: Any, kind: Any, array: Any) -> None:
-        """Wrap an array of numba type `kind`."""
         self.builder = builder
         self.data = context.make_array(kind)(context, builder, array).data
         self.width = lanes(context)
@@ -174,7 +172,6 @@ class Sums:
     """Running sums of rows. The compiler keeps them in registers if there are enough."""
 
     def __init__(self, builder: Any, count: int, width: int) -> None:
-        """Make `count` sums of zeros, each a row of `width` floats."""
         self.builder = builder
         self.places = [cgutils.alloca_once(builder, _vector(width)) for _ in range(count)]
         for place in self.places:
@@ -196,12 +193,8 @@ Body = Callable[..., Sequence[Any] | None]
 def row_loop(integers: int, floats: int = 0, results: int = 0) -> Callable[[Body], Any]:
     """Decorate a function that builds LLVM code. The result can be called in numba code.
 
-    It takes a float32 array, then int64 and then float32 numbers.
-
-    Args:
-        integers: Number of int64 arguments.
-        floats: Number of float32 arguments.
-        results: Number of float32 results, returned as a tuple. 0: it returns nothing.
+    It takes a float32 array, then numbers of int64 and float32 arguments, and returns a tuple of float32 results, or
+    nothing.
     """
 
     def decorate(build: Body) -> Any:

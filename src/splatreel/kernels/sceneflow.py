@@ -32,19 +32,11 @@ def solve(
     depths: np.ndarray,
     near: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Solve for the motion of points to the next frame by robust least squares.
+    """Solve for the motion [N, 3] of points to the next frame by robust least squares. Return it with its certainty [N].
 
-    Args:
-        means: [N, 3] float32 world, the points.
-        last: [N, 3] float32, their motion to this frame. It fills in directions that the views do not determine.
-        viewmats: [C, 4, 4] world to camera.
-        Ks: [C, 3, 3] pixels.
-        flows: [C, H, W, 2] float16, the optical flow of each view to the next frame, pixels.
-        depths: [C, ceil(H / 2), ceil(W / 2)], the depths that each view sees; infinite where there is nothing.
-        near: Smallest depth that a view sees, world units.
-
-    Returns:
-        The motion [N, 3] float32 world, and its certainty [N] float32: the weighted number of views that agree, less one, at least 0.
+    The certainty is the weighted number of views that agree, less one, at least 0. `last` [N, 3] is the motion to this
+    frame, which fills in directions that the views do not determine. `flows` [C, H, W, 2] float16 are pixels. `depths`
+    [C, ceil(H / 2), ceil(W / 2)] are infinite where there is nothing.
     """
     motion, certainty = np.empty_like(last), np.empty(len(last), np.float32)
     inputs = means, last, viewmats, Ks, flows.view(np.uint16), FLOATS, finite(depths), near

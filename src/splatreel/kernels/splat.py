@@ -2,22 +2,23 @@
 
 The kernels follow gsplat's rules. 0.3 px^2 is added to the diagonal of the 2D covariance. Alpha is min(0.999, opacity exp(-sigma)), and
 alphas below 1/255 are skipped. A pixel is full once its transmittance would fall to 1e-4. Pixel centers are at +0.5. Training calls
-`deform`, `binning`, `rasterize` and `layered` directly, which check nothing.
+`deform`, `binning`, `rasterize` and `photometric` directly, which check nothing.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial import KDTree
 
+from splatreel.base import threads
 from splatreel.base.errors import GaussiansError
 from splatreel.kernels import binning
 from splatreel.kernels import project as projection
 from splatreel.kernels import rasterize as drawing
 from splatreel.kernels.blending import CHANNELS
-from splatreel.kernels.neighbors import nearest_neighbors
 
 __all__ = ["nearest_neighbors"]
 
@@ -43,16 +44,7 @@ class Projection(NamedTuple):
 
 
 class Splats(NamedTuple):
-    """Projected Gaussians of one view with their colors.
-
-    Attributes:
-        means2d: [N, 2], see `Projection`.
-        conics: [N, 3], see `Projection`.
-        colors: [N, C] with any number of channels, or three where a function says so.
-        opacities: [N], 0..1.
-        depths: [N], see `Projection`.
-        radii: [N] int32, see `Projection`.
-    """
+    """Projected Gaussians of one view, see `Projection`, with colors [N, C] of any number of channels and opacities [N], 0..1."""
 
     means2d: np.ndarray
     conics: np.ndarray
@@ -90,21 +82,9 @@ def project(
     near: float = 0.01,
     antialias: bool = False,
 ) -> Projection:
-    """Project Gaussians to an image.
+    """Project Gaussians to an image. `antialias` adds 0.1 px^2 to the covariance instead of 0.3, for `antialiased` opacities.
 
-    Args:
-        means: [N, 3] world.
-        quats: [N, 4] wxyz of any length.
-        scales: [N, 3] standard deviations, world units.
-        viewmat: [4, 4] world to camera.
-        K: [3, 3] pixels.
-        width: Pixels.
-        height: Pixels.
-        near: Smallest depth drawn, world units.
-        antialias: Add 0.1 px^2 to the covariance instead of 0.3, for opacities that are `antialiased`.
-
-    Raises:
-        GaussiansError: A value is NaN or infinite.
+    NaN and infinity raise a `GaussiansError`.
     """
     check_finite(means=means, quats=quats, scales=scales)
     blur = projection.FINE_BLUR if antialias else projection.BLUR
@@ -124,11 +104,7 @@ def antialiased(opacities: np.ndarray, conics: np.ndarray) -> np.ndarray:
 
 
 def bin(splats: Splats, width: int, height: int) -> binning.Bins:
-    """Sort splats into the tiles of an image.
-
-    Raises:
-        GaussiansError: A value is NaN or infinite.
-    """
+    """Sort splats into the tiles of an image. NaN and infinity raise a `GaussiansError`."""
     _check_splats(splats)
     means2d, conics, _, opacities, depths, radii = splats
     shapes = _floats(means2d), _floats(conics), _floats(opacities), _floats(depths)
@@ -140,14 +116,8 @@ def rasterize(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Blend projected Gaussians front to back over black. Return the image [H, W, C] and alpha [H, W].
 
-    Args:
-        splats: N splats.
-        width: Pixels.
-        height: Pixels.
-        frozen: Splats to draw among, in the order of all their depths; C must be 3. Tiles that no other splat touches keep their image.
-
-    Raises:
-        GaussiansError: A value is NaN or infinite.
+    With `frozen` splats they are blended in the order of all depths, and C must be 3. Tiles that no other splat touches
+    keep their image. NaN and infinity raise a `GaussiansError`.
     """
     bins = bin(splats, width, height)
     parts = [drawing.forward(bins, part, frozen) for part in _split(splats.colors)]
@@ -164,25 +134,11 @@ def rasterize_gradient(
     d_alpha: np.ndarray | None = None,
     frozen: drawing.Frozen | None = None,
 ) -> drawing.Gradients:
-    """Return the gradient to N splats of a value whose gradient to the drawing is known.
+    """Return the gradient to N splats of a value whose gradient to the drawing is known. `image` and `alpha` are from `rasterize`.
 
-    `Gradients.absolute` sums the absolute gradients of `means2d` over tiles of 16 x 16 pixels and every three channels. There,
-    gradients that cancel each other count, as missing detail does.
-
-    Args:
-        splats: N splats.
-        width: Pixels.
-        height: Pixels.
-        image: [H, W, C] that `rasterize` returned.
-        alpha: [H, W] that `rasterize` returned.
-        d_image: [H, W, C], the gradient to the image.
-        d_alpha: [H, W], the gradient to alpha. None: 0.
-        frozen: The splats that `rasterize` drew among; they get no gradient.
-
-    Raises:
-        GaussiansError: A value is NaN or infinite.
-
-    Source: Ye et al. 2024, "AbsGS: Recovering fine details for 3D Gaussian Splatting", for `Gradients.absolute`.
+    `Gradients.absolute` sums the absolute gradients of `means2d` over tiles of 16 x 16 pixels and every three channels.
+    There, gradients that cancel each other count, as missing detail does (Ye et al. 2024, "AbsGS: Recovering fine
+    details for 3D Gaussian Splatting"). Frozen splats get no gradient. NaN and infinity raise a `GaussiansError`.
     """
     bins, nothing = bin(splats, width, height), drawing.no_gradient((height, width))
     to_alpha = nothing if d_alpha is None else _floats(d_alpha)
@@ -197,28 +153,16 @@ def rasterize_gradient(
 
 
 def freeze(splats: Splats, width: int, height: int) -> drawing.Frozen:
-    """Draw splats that will not change, with colors [M, 3], to draw others among them.
-
-    Raises:
-        GaussiansError: A value is NaN or infinite.
-    """
+    """Draw splats that will not change, with colors [M, 3], to draw others among them. NaN and infinity raise a `GaussiansError`."""
     bins, colors = bin(splats, width, height), _floats(splats.colors)
     return drawing.Frozen(bins, colors, *drawing.forward(bins, colors))
 
 
 def gather(projected: Projection, opacities: np.ndarray, images: np.ndarray) -> np.ndarray:
-    """Return the sum of images over the pixels of each splat, [N, K], weighted by the splat's share of each pixel.
+    """Return the sum of images [H, W, K] over the pixels of each splat, [N, K], weighted by the splat's share of each pixel.
 
-    The sum is the gradient of a drawn image to the colors of the splats. It takes less time than `rasterize_gradient`, because the
-    gradients to all other properties are left out.
-
-    Args:
-        projected: N projected points.
-        opacities: [N], 0..1.
-        images: [H, W, K].
-
-    Raises:
-        GaussiansError: A value is NaN or infinite.
+    The sum is the gradient of a drawn image to the colors of the splats. It takes less time than `rasterize_gradient`,
+    because the gradients to all other properties are left out. NaN and infinity raise a `GaussiansError`.
     """
     height, width = images.shape[:2]
     bins = bin(projected.colored(np.zeros((len(opacities), 0), np.float32), opacities), width, height)
@@ -230,11 +174,7 @@ def _check_splats(splats: Splats) -> None:
 
 
 def check_finite(**arrays: np.ndarray) -> None:
-    """Check that arrays hold no NaN and no infinity.
-
-    Raises:
-        GaussiansError: One does. The error names the array.
-    """
+    """Raise a `GaussiansError` that names the array if one holds NaN or infinity."""
     for name, array in arrays.items():
         with np.errstate(over="ignore", invalid="ignore"):
             total = float(np.sum(array))
@@ -262,3 +202,28 @@ def _split(values: np.ndarray) -> list[np.ndarray]:
 def _join(parts: list[np.ndarray], channels: int) -> np.ndarray:
     """Undo `_split`."""
     return parts[0] if channels == CHANNELS else np.ascontiguousarray(np.concatenate(parts, -1)[..., :channels])
+
+
+def nearest_neighbors(points: np.ndarray, k: int, queries: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Return the k nearest points of each query: indices [Q, k] int64 and distances [Q, k] float32, nearest first.
+
+    `queries` [Q, 3] are by default the points themselves, without each point's match with itself.
+
+    Raises:
+        GaussiansError: There are fewer than k points.
+    """
+    available = len(points) - (queries is None)
+    if not 1 <= k <= available:
+        raise GaussiansError(f"nearest_neighbors: asked for {k} neighbors where there are {available}.")
+    ranks: Any = np.arange(1, k + 1 + (queries is None))  # a list, so that one neighbor still gives a column
+    found = KDTree(points).query(points if queries is None else queries, k=ranks, workers=threads.count())
+    distances, indices = np.asarray(found[0], np.float32), np.asarray(found[1], np.int64)
+    return (indices, distances) if queries is not None else _without_self(indices, distances)
+
+
+def _without_self(indices: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Remove each point from its own neighbors. Among coinciding points it is not always the first."""
+    own = indices == np.arange(len(indices))[:, None]
+    own[~own.any(1), -1] = True  # coinciding points took its place: drop the last neighbor instead
+    shape = (len(indices), indices.shape[1] - 1)
+    return indices[~own].reshape(shape), distances[~own].reshape(shape)

@@ -23,12 +23,11 @@ MODULES = (
     "kernels.harmonics",
     "kernels.blending",
     "kernels.rasterize",
-    "kernels.similarity",
+    "kernels.photometric",
     "kernels.deform",
     "kernels.adam",
     "kernels.rigid",
     "kernels.sceneflow",
-    "kernels.layered",
     "kernels.motion",
     "kernels.photo_consistency",
     "kernels.hashgrid",
@@ -47,15 +46,7 @@ def kernels() -> list[jit.Kernel]:
 
 
 def compile_kernels(progress: Progress, processes: int = 1) -> int:
-    """Compile all kernels that are not in the cache, in other processes.
-
-    Args:
-        progress: Receives the number of compiled kernels.
-        processes: Number of processes.
-
-    Returns:
-        The number of kernels that were compiled.
-    """
+    """Compile all kernels that are not in the cache, in other processes. Return their number."""
     todo = [kernel for kernel in kernels() if kernel.needs_warmup()]
     progress.stage(COMPILING, len(todo))
     with background_warmup(progress, processes) as warmup:
@@ -72,13 +63,7 @@ class BackgroundWarmup:
     """
 
     def __init__(self, progress: Progress, names: Sequence[str], processes: int) -> None:
-        """Start the processes.
-
-        Args:
-            progress: Receives a message when a kernel has to be waited for.
-            names: Names of the kernels, in the order of their use.
-            processes: Number of processes.
-        """
+        """Start the processes for kernels, named in the order of their use. `progress` receives a message about waiting."""
         self._progress = progress
         self._names = names
         self._done: set[str] = set()
@@ -126,14 +111,9 @@ class BackgroundWarmup:
 
 @contextlib.contextmanager
 def background_warmup(progress: Progress, processes: int = 1) -> Iterator[BackgroundWarmup | None]:
-    """Compile kernels in the background inside a `with` block. A kernel that is called before it is compiled waits.
+    """Compile kernels in the background inside a `with` block; yield None if all are in the cache.
 
-    Args:
-        progress: Receives a message when a kernel has to be waited for.
-        processes: Number of processes.
-
-    Yields:
-        The warmup, or None if all kernels are in the cache.
+    A kernel that is called before it is compiled waits, and `progress` receives a message.
     """
     names = [kernel.name for kernel in kernels() if kernel.needs_warmup()]
     if not names:

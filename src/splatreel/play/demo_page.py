@@ -2,11 +2,70 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 from html import escape
+from pathlib import Path
 
-from splatreel.play.refreshed_page import refreshed, refreshed_policy
-from splatreel.play.sample_reel import has_sample
+from splatreel.base.errors import ReelError
 from splatreel.play.served_files import RunFiles
+
+_SCRIPT = """
+setInterval(async () => {
+  const answer = await fetch(location.href, { cache: "no-cache" }).catch(() => null);
+  if (!answer?.ok) return;
+  const fresh = new DOMParser().parseFromString(await answer.text(), "text/html");
+  for (const part of fresh.querySelectorAll("main > *")) {
+    const old = document.getElementById(part.id);
+    if (!old) return location.reload();
+    if (part.id !== "player" && old.outerHTML !== part.outerHTML) old.replaceWith(part);
+  }
+}, MILLISECONDS);
+"""
+
+
+def refreshed(page: str, seconds: float) -> str:
+    """Return a page that fetches itself again every few seconds.
+
+    Each part of its `main` has an id. The part `player` is never replaced, so that it keeps playing.
+    """
+    return page.replace("</body>", f"<script>{_script(seconds)}</script>\n</body>")
+
+
+def refreshed_policy(seconds: float) -> str:
+    """Return the Content-Security-Policy of a page that `refreshed` returned."""
+    digest = base64.b64encode(hashlib.sha256(_script(seconds).encode()).digest()).decode()
+    return (
+        f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'; img-src data:; "
+        "frame-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'"
+    )
+
+
+def _script(seconds: float) -> str:
+    return _SCRIPT.replace("MILLISECONDS", str(round(1000 * seconds)))
+
+
+SAMPLE = Path(__file__).parent / "sample"
+"""Folder of the sample reel in the package."""
+
+
+def has_sample() -> bool:
+    """Return whether the package contains the sample reel."""
+    return (SAMPLE / "manifest.json").is_file()
+
+
+def sample_reel() -> Path:
+    """Return the folder of the sample reel.
+
+    Raises:
+        ReelError: The package does not contain it.
+    """
+    if not has_sample():
+        raise ReelError(
+            f"{SAMPLE}: this installation has no sample reel. `splatreel demo --out OUT` makes such a reel."
+        )
+    return SAMPLE
+
 
 NAME = "demo.html"
 OWN, SAMPLE_ADDRESS = "./", "./?src=sample/manifest.json&muted=1"

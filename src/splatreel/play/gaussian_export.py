@@ -9,11 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.base.errors import ReelError
-from splatreel.formats.reader_limits import Program
-from splatreel.formats.registry import FRAME_FORMATS, Placement
+from splatreel.formats.registry import FRAME_FORMATS, Placement, Program
 from splatreel.play.timeline import Timeline
-from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.turning import turn_upright
+from splatreel.scene.gaussians import Gaussians, turn_upright
 from splatreel.scene.volumes import Volume
 
 
@@ -22,7 +20,6 @@ class GaussianExport:
     """Gaussians of a reel at some times.
 
     Attributes:
-        source: The reel.
         seconds: Times, in order.
         up: Unit up direction of the files, [3]; None keeps the axes of the capture.
         crop: Volume to keep, in the reel's coordinates; None keeps all.

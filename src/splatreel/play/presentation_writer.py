@@ -18,12 +18,12 @@ from splatreel.codec.presentation import Poster, Thumbnails, check_text
 from splatreel.codec.writer import ReelWriter
 from splatreel.play.timeline import Timeline, open_reel
 
-POSTER_URI = "poster.jpg"
-POSTER_SIDES = (960, 640)
+_POSTER_URI = "poster.jpg"
+_POSTER_SIDES = (960, 640)
 """Pixels of the longer side of the poster. The second is used if the first exceeds `POSTER_BYTES` at every quality."""
 POSTER_BYTES = 24_000
 """Maximum size of the poster, chosen to arrive within the first round trip of a slow connection."""
-THUMBNAIL_SIDE = 112
+_THUMBNAIL_SIDE = 112
 """Pixels of the longer side of a thumbnail."""
 SHORTEST, LONGEST = 0.25, 10.0
 """Minimum and maximum seconds between thumbnails."""
@@ -31,9 +31,9 @@ FEW = 8
 """Number of thumbnails of a short reel. A long one has one every `LONGEST` seconds."""
 COLUMNS, ROWS = 6, 5
 """Maximum number of columns and rows of a sheet of thumbnails."""
-THUMBNAIL_BYTES = 1300
+_THUMBNAIL_BYTES = 1300
 """Maximum mean size of a thumbnail."""
-THUMBNAIL_QUALITIES = (70, 60, 50, 40, 30, 20)
+_THUMBNAIL_QUALITIES = (70, 60, 50, 40, 30, 20)
 QUALITIES = (80, 70, 60, 50, 40, 30)
 
 
@@ -57,28 +57,28 @@ class PresentationWriter:
         words = {name: check_text(name, text) for name, text in (missing | dict(self.words)).items()}
         after = replace(before, **words)
         if group == 0 or after.poster is None:
-            after = replace(after, poster=write_poster(writer, open_reel(writer.path)))
+            after = replace(after, poster=_write_poster(writer, open_reel(writer.path)))
         if group is not None:
             after = replace(after, thumbnails=None)  # they belong to an earlier, complete reel
         elif after.thumbnails is None:
-            after = replace(after, thumbnails=write_thumbnails(writer, open_reel(writer.path)))
+            after = replace(after, thumbnails=_write_thumbnails(writer, open_reel(writer.path)))
         if after != before:
             writer.present(after)
 
 
-def write_poster(writer: ReelWriter, reel: Timeline) -> Poster:
+def _write_poster(writer: ReelWriter, reel: Timeline) -> Poster:
     """Render the poster from the decoded reel and write its file. The manifest is left to `ReelWriter.present`."""
     camera, data = reel.manifest.camera, b""
-    for side in POSTER_SIDES:
+    for side in _POSTER_SIDES:
         scale = side / max(camera.width, camera.height)
         camera = camera.resized(max(round(camera.width * scale), 1), max(round(camera.height * scale), 1))
         data = jpeg_within(to_bytes(reel.render(reel.at(0), camera)), POSTER_BYTES)
         if len(data) <= POSTER_BYTES:
             break
-    return Poster(writer.write_asset(POSTER_URI, data), camera.width, camera.height)
+    return Poster(writer.write_asset(_POSTER_URI, data), camera.width, camera.height)
 
 
-def write_thumbnails(writer: ReelWriter, reel: Timeline) -> Thumbnails:
+def _write_thumbnails(writer: ReelWriter, reel: Timeline) -> Thumbnails:
     """Render thumbnails from the decoded reel and write their files. The manifest is left to `ReelWriter.present`.
 
     Thumbnails of times before the start of a reel show its first frame.
@@ -86,7 +86,7 @@ def write_thumbnails(writer: ReelWriter, reel: Timeline) -> Thumbnails:
     frames, fps, camera = reel.frames, reel.fps, reel.manifest.camera
     step = max(round(fps * min(max(frames / fps / FEW, SHORTEST), LONGEST)), 1)
     count = math.ceil(frames / step)
-    scale = THUMBNAIL_SIDE / max(camera.width, camera.height)
+    scale = _THUMBNAIL_SIDE / max(camera.width, camera.height)
     camera = camera.resized(max(round(camera.width * scale), 1), max(round(camera.height * scale), 1))
     columns, rows = min(count, COLUMNS), min(math.ceil(count / COLUMNS), ROWS)
     sheets, drawn = [], {}
@@ -101,7 +101,9 @@ def write_thumbnails(writer: ReelWriter, reel: Timeline) -> Thumbnails:
             sheet[row, column] = drawn[frame]
         pixels = sheet.swapaxes(1, 2).reshape(rows * camera.height, columns * camera.width, 3)
         uri = f"thumbnails/{len(sheets):04d}.jpg"
-        sheets.append(writer.write_asset(uri, jpeg_within(pixels, THUMBNAIL_BYTES * len(chosen), THUMBNAIL_QUALITIES)))
+        sheets.append(
+            writer.write_asset(uri, jpeg_within(pixels, _THUMBNAIL_BYTES * len(chosen), _THUMBNAIL_QUALITIES))
+        )
     return Thumbnails(camera.width, camera.height, columns, rows, step / fps, count, tuple(sheets))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from av.container import OutputContainer
 
 from splatreel.base.errors import ReelError
-from splatreel.codec.fragments import RATE
+from splatreel.codec.mp4 import RATE
 from splatreel.codec.opus_sound import PREROLL, TYPE, check_sound_size, decode_sound
 from splatreel.codec.presentation import Asset, Sound
 from splatreel.codec.reader import ReelReader

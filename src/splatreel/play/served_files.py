@@ -13,9 +13,7 @@ from typing import BinaryIO, NamedTuple, Protocol
 
 from splatreel.base.errors import ReelError
 from splatreel.base.untrusted import read_file
-from splatreel.codec.file_entry import FileEntry
-from splatreel.codec.manifest import MANIFEST, MAX_BYTES, Manifest, parse_manifest
-from splatreel.codec.manifest_pages import Known, PageEntry
+from splatreel.codec.manifest import MANIFEST, MAX_BYTES, FileEntry, Known, Manifest, PageEntry, parse_manifest
 from splatreel.codec.presentation import EMPTY, Asset, Presentation
 from splatreel.codec.preview import newest_preview
 from splatreel.codec.reader import reel_address

@@ -6,7 +6,7 @@ Source: paper section 4.4.
 from __future__ import annotations
 
 import bisect
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -17,14 +17,26 @@ import numpy as np
 from splatreel.base.errors import ReelError
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader, find_reel
+from splatreel.kernels.image import render_image
 from splatreel.play.reel_sound import ReelSound
-from splatreel.play.renderers import Draw, draw_on_cpu
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
 if TYPE_CHECKING:
     import torch
+
+Color = tuple[float, float, float]
+Draw = Callable[[Gaussians, Camera, float, bool, Color], np.ndarray]
+"""Function of (Gaussians, camera, near plane in world units, antialias, background) that returns an image.
+
+The image is [H, W, 3] float32, whose values may exceed 1.
+"""
+
+
+def draw_on_cpu(gaussians: Gaussians, camera: Camera, near: float, antialias: bool, background: Color) -> np.ndarray:
+    """Render on the CPU, see `Draw`."""
+    return render_image(gaussians, camera, near=near, antialias=antialias, background=background)
 
 
 @dataclass(frozen=True, repr=False)
@@ -198,7 +210,6 @@ class Timeline:
         return np.clip(self._render(gaussians, camera, draw), 0, 1)
 
     def _render(self, gaussians: Gaussians, camera: Camera, draw: Draw) -> np.ndarray:
-        """Return an image whose values may exceed 1."""
         if isinstance(gaussians, Moment) and gaussians.fade is not None:
             old, new, weight = gaussians.fade
             return (1 - weight) * self._render(old, camera, draw) + weight * self._render(new, camera, draw)

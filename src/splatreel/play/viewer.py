@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from splatreel.base.errors import SplatreelError
-from splatreel.play.renderers import Draw
-from splatreel.play.timeline import Timeline
+from splatreel.play.timeline import Draw, Timeline
 from splatreel.scene import rotations
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians

@@ -9,10 +9,12 @@ from __future__ import annotations
 import base64
 import hashlib
 import io
+import ipaddress
 import os
 import re
+import socket
 import time
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Iterable, Mapping
 from email.utils import formatdate
 from pathlib import Path
 from types import MappingProxyType
@@ -26,10 +28,60 @@ from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from splatreel.base.errors import ReelError
-from splatreel.play.allowed_hosts import AllowedHosts, host_name
+from splatreel.base.errors import ReelError, UsageError
 from splatreel.play.player_page import STATIC, with_metadata
 from splatreel.play.served_files import OpenFile, ReelFiles, open_file
+
+_HOST = re.compile(r"(?:([A-Za-z0-9._-]{1,253})|\[([0-9A-Fa-f:.]{2,45})\])(?::\d{1,5})?")
+
+
+class AllowedHosts:
+    """Permitted values of a Host header.
+
+    A server on a loopback address answers to localhost and loopback addresses. Other servers also answer to any IP address, to this
+    machine's name and to the host name they were started with.
+    """
+
+    def __init__(self, bound: str, given: str, allowed: Iterable[str] = ()) -> None:
+        """Collect the permitted names.
+
+        Args:
+            bound: IP address that the server listens on.
+            given: The same host as the user wrote it.
+            allowed: Further names, such as that of a proxy.
+
+        Raises:
+            UsageError: One of `allowed` is not a host name.
+        """
+        self._loopback = ipaddress.ip_address(bound.split("%")[0]).is_loopback
+        self._names = {"localhost", *map(_checked, allowed)}
+        if not self._loopback:
+            machine = socket.gethostname().lower()
+            self._names |= {given.lower(), machine, f"{machine}.local"}
+
+    def __contains__(self, header: object) -> bool:
+        name = _host_name(header) if isinstance(header, str) else None
+        if name is None:
+            return False
+        try:
+            return ipaddress.ip_address(name).is_loopback or not self._loopback or name in self._names
+        except ValueError:
+            return name in self._names
+
+
+def _host_name(header: str) -> str | None:
+    """Return the name or address in a Host header, without port and brackets; None for an invalid header."""
+    match = _HOST.fullmatch(header)
+    return (match[1] or match[2]).lower().removesuffix(".") if match else None
+
+
+def _checked(name: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9._-]{1,253}|[0-9A-Fa-f:.]{2,45}", name):
+        raise UsageError(
+            f"{name!r:.100} is not the name of a host. Give it without scheme, port and path: reels.example"
+        )
+    return name.lower().removesuffix(".")
+
 
 _PAGE = "index.html"
 _PLAYER_TYPES = {
@@ -280,7 +332,7 @@ def _content(found: OpenFile, kind: str, policy: str) -> Content:
 
 
 def _host_refusal(header: str) -> str:
-    name = host_name(header)
+    name = _host_name(header)
     if name is None:
         return "The request has no valid Host header."
     return f"This server does not answer to the name {name}. If it should, start it with: --allow-host {name}"

@@ -1,4 +1,4 @@
-"""Cost model: the seconds that the steps of a reconstruction take on one thread of the machine that was measured.
+"""Cost model: the seconds of the steps of a reconstruction on one thread of the machine that was measured, and plans of jobs.
 
 The numbers are fitted to timings of videos 160 to 2576 pixels wide, most of them in `benchmarks/results.jsonl`. Nearly all totals
 are within 30 %. Repeated timings of one video differ by as much from day to day.
@@ -7,9 +7,10 @@ are within 30 %. Repeated timings of one video differ by as much from day to day
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,7 +19,13 @@ from splatreel.config import Config
 from splatreel.method.cameras.group_input import ENOUGH_SIDE
 from splatreel.method.train.keyframe_trainer import GAINS_EVERY
 from splatreel.method.train.training_images import size_ends
+from splatreel.run.job import Plan
 from splatreel.scene.camera import Camera
+from splatreel.scene.group import GroupSpan
+
+if TYPE_CHECKING:
+    pass
+
 
 COARSE = 0.25
 """Pixels of a half-size image, as a share of the full-size image."""
@@ -228,3 +235,35 @@ COSTS: dict[str, Callable[[Workload, int, Config], float]] = {
     "encode": _encode,
 }
 """Seconds of each step by its name in `STEPS`: of the workload, the frames of the group with the overlap, and the settings."""
+
+
+BEFORE_KEYFRAME, AFTER_KEYFRAME = ("exposure", "poses"), ("layering", "layer", "tracking", "motion", "encode")
+"""Steps of every group."""
+
+
+def sequence_plan(work: Workload, spans: Sequence[GroupSpan], config: Config) -> Plan:
+    """Return the plan of a video of one chapter."""
+    groups = _groups_plan(work, spans, config, "first keyframe")
+    return Plan((("points", None, COSTS["points"](work, 1, config)), *groups.steps), groups.reading)
+
+
+def chapter_plan(work: Workload, spans: Sequence[GroupSpan], config: Config) -> Plan:
+    """Return the plan of one chapter of a longer video."""
+    return _groups_plan(work, spans, config, "chapter keyframe")
+
+
+def scene_plan(work: Workload, config: Config) -> Plan:
+    """Return the plan of the scene that all chapters share."""
+    points = SCENE_POINTS * COSTS["points"](work, 1, config)
+    return Plan((("points", None, points), ("scene keyframe", None, COSTS["scene keyframe"](work, 0, config))))
+
+
+def _groups_plan(work: Workload, spans: Sequence[GroupSpan], config: Config, first: str) -> Plan:
+    """Return the plan of groups. `first`: step that trains the keyframe of the first group."""
+    keyframes = [first, *("keyframe" for _ in spans[1:])]
+    steps = [
+        (step, span.index, COSTS[step](work, span.count, config))
+        for span, keyframe in zip(spans, keyframes, strict=True)
+        for step in (*BEFORE_KEYFRAME, keyframe, *AFTER_KEYFRAME)
+    ]
+    return Plan(tuple(steps), sum(READING_SECONDS * work.decoded(span.count) for span in spans))

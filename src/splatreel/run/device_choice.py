@@ -7,9 +7,9 @@ import importlib.util
 from splatreel.base.command_line import install_command
 from splatreel.base.errors import MissingDependencyError, UsageError
 from splatreel.gpu.adapters import adapters, choose_adapter, may_have_gpu, require_adapter
-from splatreel.gpu.cuda_devices import cuda_devices
+from splatreel.gpu.cuda_libraries import cuda_devices
 from splatreel.gpu.shared_gpu import SharedGpu
-from splatreel.play.renderers import Draw
+from splatreel.play.timeline import Draw
 
 NAMES = ("auto", "cpu", "gpu", "cuda")
 """Values of `--device`."""

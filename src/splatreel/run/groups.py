@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 
+from splatreel.base.errors import ReconstructionError
 from splatreel.capture.base import Capture
 from splatreel.capture.reading import FramePrefetcher
-from splatreel.codec.preview import remove_previews
-from splatreel.method.algorithm import Handover, hand_over, reconstruct_group
+from splatreel.codec.preview import remove_previews, write_preview
+from splatreel.method.algorithm import NextGroup, Start, hand_over, reconstruct_group
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.init.layout import Layout
 from splatreel.method.init.visual_hull import is_sparse
 from splatreel.method.train.group_trainer import GroupResult
-from splatreel.run.job import Job
+from splatreel.run.job import Job, StepRun
 from splatreel.run.output.group_output import Output
-from splatreel.run.output.keyframe_preview import KeyframePreview
-from splatreel.run.step_checkpoints import TIME_OFFSETS, restored_rig
-from splatreel.run.step_run import StepRun
+from splatreel.run.steps import TIME_OFFSETS, restored_rig
+from splatreel.run.store import Store
+from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import GroupSpan
 
 
@@ -25,20 +30,13 @@ def reconstruct_groups(
     spans: list[GroupSpan],
     capture: Capture,
     layout: Layout,
-    before: Handover,
+    before: Start,
     output: Output,
     plates: np.ndarray | None = None,
 ) -> None:
     """Reconstruct groups in order, from the first that is not finished. A thread decodes the frames of the next group ahead.
 
-    Args:
-        job: The run, or the chapter.
-        spans: Its groups.
-        capture: The capture that the frames are read from.
-        layout: Measures of the scene.
-        before: State that the first of the groups starts from.
-        output: Destination of finished layers and groups.
-        plates: Images [C, H, W, 3] uint8 of the shared scene, for a chapter.
+    The first group starts from the state `before`. A chapter has plates, images [C, H, W, 3] uint8 of the shared scene.
     """
     finished = min(job.store.finished_groups(spans[0].index), len(spans))
     for place, span in enumerate(spans[:finished]):
@@ -57,14 +55,14 @@ def run_group(
     job: Job,
     span: GroupSpan,
     frames: np.ndarray,
-    before: Handover,
+    before: Start,
     layout: Layout,
     output: Output,
     plates: np.ndarray | None = None,
     missing: np.ndarray | None = None,
     alpha: np.ndarray | None = None,
-) -> Handover:
-    """Reconstruct one group, with checkpoints, and write it.
+) -> NextGroup:
+    """Reconstruct one group, with checkpoints, and write it. Return the state for the next group.
 
     Args:
         job: The run.
@@ -76,9 +74,6 @@ def run_group(
         plates: Images [C, H, W, 3] uint8 of the shared scene, for a chapter.
         missing: [T, C] bool, images that the cameras lack; None if all exist.
         alpha: [T, C, H, W] uint8, opacity of a subject before few cameras; None for all others.
-
-    Returns:
-        State for the next group.
     """
     config, store = job.config, job.store.group(span.index)
     if missing is not None:  # an image that stands in for a frame without any is better than none
@@ -108,10 +103,56 @@ def run_group(
     return after
 
 
-def restore_group(job: Job, span: GroupSpan, before: Handover) -> Handover:
+def restore_group(job: Job, span: GroupSpan, before: Start) -> NextGroup:
     """Return the state that a finished group passed on, from its checkpoints."""
     store = job.store.group(span.index)
     layer, static = store.layer(), before.static
     if layer is not None:
         static = static.with_layer(layer.decoded)
     return hand_over(restored_rig(before.rig, store, span.own), static, store.group().group, span.own)
+
+
+FIRST_AFTER, EVERY = 4.0, 8.0
+"""Seconds of training before the first preview, and from one preview to the next. Short trainings have none."""
+MAX_SHARE = 0.05
+"""Maximum share of the time that previews take."""
+
+
+class KeyframePreview:
+    """Writer of a preview every few seconds of training. Previews do not change the training."""
+
+    def __init__(self, store: Store, clock: Callable[[], float] = time.monotonic) -> None:
+        """Prepare the writer. The time counts from the first call of `show`.
+
+        Args:
+            store: Checkpoints of the run in OUT/work.
+            clock: Time in seconds.
+        """
+        self._store = store
+        self._clock = clock
+        self._due: float | None = None
+        self.written: Path | None = None
+        """Folder of the last preview; None if none was due yet."""
+
+    def show(self, gaussians: Callable[[], Gaussians]) -> None:
+        """Write a preview if it is time for one. `gaussians` returns the points as they are now."""
+        if self._due is None:
+            self._due = self._clock() + FIRST_AFTER
+        elif self._clock() >= self._due:
+            self._write(gaussians())
+
+    def finish(self, points: Gaussians) -> None:
+        """Write the trained points, if the training took long enough for a preview."""
+        if self.written is not None:
+            self._write(points)
+
+    def _write(self, points: Gaussians) -> None:
+        begin = self._clock()
+        try:
+            header, limits = self._store.header()
+        except ReconstructionError:  # a training without a reel
+            self._due = float("inf")
+            return
+        self.written = write_preview(self._store.work.parent, header, limits, points)
+        now = self._clock()
+        self._due = now + max(EVERY, (now - begin) / MAX_SHARE)

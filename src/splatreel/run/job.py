@@ -1,19 +1,20 @@
-"""Settings, GPU, checkpoints and progress display that all stages of a run share."""
+"""Job: settings, GPU, checkpoints and progress display that all stages of a run share, and the execution of its steps."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any, TypeVar, TypeVarTuple
 
 from splatreel.base.process import give_back_freed_memory
 from splatreel.base.progress import Progress, Span
 from splatreel.config import Config
 from splatreel.gpu.shared_gpu import SharedGpu
-from splatreel.run.run_history import RecordedProgress
+from splatreel.run.run_logs import RecordedProgress
 from splatreel.run.steps import STEPS
-from splatreel.run.store import Store
+from splatreel.run.store import GroupStore, Store
 from splatreel.scene.group import GroupSpan
 
 READING = "reading"
@@ -76,9 +77,6 @@ class Job:
     """A run, or one part of it, such as a chapter.
 
     Attributes:
-        config: Settings of the run.
-        progress: Display of the progress.
-        store: Checkpoints of the run.
         plan: Expected seconds of the stages; None where the length is not known, as in a live run.
         part: Name of the part, such as chapter0003; empty for a run that has no parts.
         groups: Number of groups of the whole video, for the progress display.
@@ -96,7 +94,6 @@ class Job:
     seconds: dict[str, float] = field(init=False)
 
     def __post_init__(self) -> None:
-        """Read the seconds of earlier, interrupted runs, and record what the progress display shows."""
         self.progress = RecordedProgress(self.progress, self.store.work, self.part, self.device_name)
         self.seconds = self.store.seconds(self.part)
 
@@ -126,3 +123,56 @@ class Job:
         number = "" if group is None else f"group {group + 1}{f'/{self.groups}' if self.plan else ''}: "
         share = None if self.plan is None else self.plan.share(step, group)
         self.progress.stage(number + STEPS[step].text, steps, share)
+
+
+Found = TypeVar("Found")
+Arguments = TypeVarTuple("Arguments")
+
+
+@dataclass(frozen=True)
+class StepRun:
+    """Executor of steps.
+
+    Attributes:
+        job: The run, or the chapter.
+        store: Checkpoints of the group, or of the scene that all chapters share.
+        span: Frames of the group; None for the scene.
+        sinks: Functions that write the results of steps, by the names of the steps.
+    """
+
+    job: Job
+    store: GroupStore
+    span: GroupSpan | None = None
+    sinks: Mapping[str, Callable[[Any], None]] = field(default_factory=dict)
+
+    @property
+    def progress(self) -> Progress:
+        """Display of the progress."""
+        return self.job.progress
+
+    def __call__(self, step: str, compute: Callable[[*Arguments], Found], *arguments: *Arguments) -> Found:
+        """Return the result of a step: load it, or compute, save and report it.
+
+        Args:
+            step: Name of the step in `STEPS`.
+            compute: Returns the result.
+            arguments: Arguments of `compute`.
+        """
+        about = STEPS[step]
+        with self.job.timed(about.timing):
+            found = about.checkpoint and about.checkpoint.load(self.store)
+            return self._execute(step, compute, *arguments) if found is None else found
+
+    def _execute(self, step: str, compute: Callable[[*Arguments], Found], *arguments: *Arguments) -> Found:
+        about, frames = STEPS[step], 1 if self.span is None else self.span.count
+        steps = about.steps(self.job.config, frames)
+        if about.text:
+            self.job.show(step, steps, self.span)
+        found = compute(*arguments)
+        if about.checkpoint is not None:
+            about.checkpoint.save(self.store, found)
+        if step in self.sinks:
+            self.sinks[step](found)
+        if about.numbers is not None:
+            self.progress.update(steps, **about.numbers(found, *arguments))
+        return found

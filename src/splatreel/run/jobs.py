@@ -20,21 +20,19 @@ from splatreel.capture.frame_table import load_tables, pack_tables
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.gpu.shared_gpu import SharedGpu
-from splatreel.method.algorithm import Handover
-from splatreel.run.costs import Workload
+from splatreel.method.algorithm import ChapterStart
+from splatreel.run.costs import Workload, chapter_plan, scene_plan, sequence_plan
 from splatreel.run.groups import reconstruct_groups
 from splatreel.run.job import Job, Plan
-from splatreel.run.job_log import LoggedProgress, logged
 from splatreel.run.output.group_output import ChapterOutput, ignore_group
 from splatreel.run.output.group_writer import GroupWriter, PresentationHook, open_writer
 from splatreel.run.output.sound_output import select_soundtrack
-from splatreel.run.plan import chapter_plan, scene_plan, sequence_plan
-from splatreel.run.run_lock import RunLock
-from splatreel.run.run_record import run_record
+from splatreel.run.run_folder import RunLock, run_record
+from splatreel.run.run_logs import LoggedProgress, logged
 from splatreel.run.shared_scene import load_plates, reconstruct_shared_scene, shared_rig
 from splatreel.run.store import Store
+from splatreel.scene.gaussians import StaticPoints
 from splatreel.scene.group import ChapterSpan, GroupSpan, chapter_spans, group_spans
-from splatreel.scene.static_points import StaticPoints
 
 SCENE = "scene"
 """Name of the scene's job in files and locks."""
@@ -51,7 +49,6 @@ class ChapteredRun:
     Attributes:
         capture: The capture at the size that is trained on.
         out: Output folder, which gets the folders reel and work.
-        config: Settings.
         sound: The soundtrack, as `reconstruct` takes it.
         gpu: GPU that runs iterations of training; None runs them on the CPU.
         gpu_note: Why a GPU of this machine is not used; empty if there is nothing to say.
@@ -215,7 +212,7 @@ def _reconstruct_chapter(run: ChapteredRun, chapter: ChapterSpan, job: Job, outp
     if shared is None or plates is None or layout is None:
         raise _scene_is_missing(run)
     static = StaticPoints.none(run.config.keyframe.sh_degree).with_layer(shared.decoded)
-    before = Handover(shared_rig(job, run.capture), static)
+    before = ChapterStart(shared_rig(job, run.capture), static)
     reconstruct_groups(job, list(chapter.groups), run.capture, layout, before, output, plates.images)
 
 
@@ -242,16 +239,11 @@ def reel_job(run: ChapteredRun, progress: Progress, present: PresentationHook) -
 class ChapterReelWriter:
     """Writes encoded groups of chapters into the reel, in order. The run must be locked.
 
-    Args:
-        run: The run.
-        present: Adds poster and thumbnails to the reel.
-
     Raises:
         ReconstructionError: The shared scene is not finished.
     """
 
     def __init__(self, run: ChapteredRun, present: PresentationHook) -> None:
-        """Open the reel, and skip the groups that it holds already."""
         if not has_scene(run):
             raise _scene_is_missing(run)
         self.run = run

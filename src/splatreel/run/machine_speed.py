@@ -1,4 +1,4 @@
-"""Processor of this machine, and its speed: two timed training steps, compared with the machine that costs were measured on."""
+"""Speed of this machine's CPU and GPU, measured by training steps, and the name of its processor."""
 
 from __future__ import annotations
 
@@ -8,16 +8,23 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import llvmlite.binding as llvm
 import numpy as np
 
 from splatreel.base import threads
-from splatreel.kernels import binning, deform, rasterize, similarity
+from splatreel.base.errors import GpuError
+from splatreel.base.progress import Silent
+from splatreel.config import KeyframeConfig
+from splatreel.gpu.shared_gpu import SharedGpu
+from splatreel.kernels import binning, deform, photometric, rasterize
+from splatreel.method.cameras.color_gains import CameraGains
+from splatreel.method.train.keyframe_trainer import KeyframeTrainer
 from splatreel.method.train.render import NO_CHANGE, View
-from splatreel.method.train.trainable_points import to_params
+from splatreel.method.train.trainable_points import TrainablePoints, default_rates, to_params
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -35,9 +42,6 @@ class Probe:
     """A training step on random points that is timed.
 
     Attributes:
-        points: Number of points.
-        width: Width of the image in pixels.
-        height: Height of the image in pixels.
         scale: Mean logarithm of the points' scales.
         seconds: Seconds of the step on one thread of the machine that `costs` was measured on.
         repeats: Number of steps. The fastest counts, so that other programs hardly matter.
@@ -118,8 +122,6 @@ class ProbeScene:
     """Points in front of a camera.
 
     Attributes:
-        gaussians: The points.
-        view: The camera.
         near: Near plane, world units.
         unit: Typical viewing distance, world units.
     """
@@ -163,7 +165,7 @@ def _step(probe: Probe) -> Callable[[], None]:
         splats = seen.means2d, seen.conics, opacities, seen.depths, seen.radii
         bins = binning.bin_splats(*splats, probe.width, probe.height)
         image, alpha = rasterize.forward(bins, seen.colors)
-        compared = similarity.loss_and_gradient(image, target, 0.2)
+        compared = photometric.loss_and_gradient(image, target, 0.2)
         nothing = rasterize.no_gradient(alpha.shape)
         found = rasterize.backward(bins, seen.colors, image, compared.d_image, alpha, nothing)
         to_splats = found.means2d, found.conics, found.colors, found.opacities
@@ -203,3 +205,60 @@ def _model() -> str:
     except (OSError, subprocess.SubprocessError):
         pass
     return ""
+
+
+SECONDS = 2.0
+"""Time that a measurement takes at least, after one batch to warm up."""
+BATCH = 10
+"""Iterations between two looks at the clock."""
+
+
+def iteration_ms(gpu: SharedGpu | None, probe: Probe = SMALL, seconds: float = SECONDS) -> float:
+    """Return the milliseconds of a keyframe's training iteration, with all threads of the CPU or on a GPU.
+
+    Args:
+        gpu: GPU that runs iterations; None measures the CPU.
+        probe: Points and image size.
+        seconds: Shortest time of the measurement.
+
+    Raises:
+        GpuError: The GPU fails.
+    """
+    trainer, images = probe_training(gpu, probe)
+    taken = []
+    while sum(taken[1:]) < seconds:
+        start = time.perf_counter()
+        trainer.train(images, BATCH, 10**6, Silent())
+        taken.append(time.perf_counter() - start)
+        if gpu is not None and gpu.failure is not None:
+            raise GpuError(gpu.failure)
+    return 1e3 * float(np.median(taken[1:])) / BATCH
+
+
+def probe_training(gpu: SharedGpu | None, probe: Probe) -> tuple[KeyframeTrainer, TrainingImages]:
+    """Return a training of random points against a random image, which adds no points. gpu: None trains on the CPU."""
+    scene = probe_scene(probe)
+    points = TrainablePoints.from_gaussians(scene.gaussians, default_rates(scene.unit))
+    image = np.random.default_rng(0).integers(0, 256, (1, 1, probe.height, probe.width, 3), np.uint8)
+    images = TrainingImages(image, [scene.view], scene.near, scene.unit)
+    gains = CameraGains(1)
+    config = KeyframeConfig(densify_every=10**9, average_share=0.0, detail=False)
+    return KeyframeTrainer(points, gains, config, max_points=probe.points, gpu=gpu), images
+
+
+def measure_run_speed(gpu: SharedGpu | None) -> MachineSpeed:
+    """Return the speed of this machine for a run: `measure_speed`, with the training of a GPU if one trains.
+
+    A GPU's time is that of a whole iteration, which is compared with the step on the machine that costs were measured on.
+
+    Args:
+        gpu: GPU that runs iterations of training; None runs them on the CPU.
+    """
+    speed = measure_speed()
+    if gpu is None:
+        return speed
+    try:
+        small, large = (1e-3 * iteration_ms(gpu, probe, SECONDS / 4) / probe.seconds for probe in (SMALL, LARGE))
+    except GpuError:
+        return speed
+    return replace(speed, small=small, large=large)

@@ -12,21 +12,20 @@ from splatreel.capture.base import Capture
 from splatreel.capture.opening import CaptureSource
 from splatreel.codec.preview import remove_previews
 from splatreel.config import Config
-from splatreel.config.records import with_former_defaults
-from splatreel.method.algorithm import Handover
+from splatreel.config.settings import with_former_defaults
+from splatreel.method.algorithm import FirstGroup
 from splatreel.method.init.layout import check_region
 from splatreel.run.device_choice import largest_buffer, pick_gpu
 from splatreel.run.groups import reconstruct_groups
 from splatreel.run.jobs import ChapteredRun, ChapterReelWriter, chapter_job, scene_job
-from splatreel.run.memory import check_memory
 from splatreel.run.output.group_output import ReelOutput, RegionOutput
 from splatreel.run.output.group_writer import GroupWriter, PresentationHook, no_presentation
 from splatreel.run.output.sound_output import select_soundtrack
 from splatreel.run.preparation import open_reel_writer, prepare, save_header
-from splatreel.run.requirements import check_capture, check_networks
-from splatreel.run.run_record import recorded_settings
+from splatreel.run.requirements import check_capture, check_memory, check_networks
+from splatreel.run.run_folder import recorded_settings
 from splatreel.run.store import Store
-from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.gaussians import StaticPoints
 
 
 @dataclass(frozen=True)
@@ -34,8 +33,6 @@ class Result:
     """Folders and times of a finished reconstruction.
 
     Attributes:
-        reel: Folder of the reel.
-        work: Folder of the checkpoints.
         seconds: Seconds by stage, summed over groups and interrupted runs.
         device: Device that trained, cpu, cuda or gpu.
     """
@@ -117,7 +114,7 @@ def reconstruct_sequence(run: ChapteredRun, progress: Progress, present: Present
         save_header(job, run.capture, rig, layout, soundtrack)
         writer = open_reel_writer(job, lock)
         static, seeds = StaticPoints.none(run.config.keyframe.sh_degree), job.store.initial_points()
-        before = Handover(rig, static, seeds=seeds)
+        before = FirstGroup(rig, static, seeds)
         make_output = RegionOutput if layout.region else ReelOutput
         output = make_output(writer, GroupWriter(writer, job.store), present)
         reconstruct_groups(job, run.groups, run.capture, layout, before, output)
@@ -146,9 +143,6 @@ class RunSpec:
     Attributes:
         open_capture: Called by each process to open the capture, such as `CaptureSource(path, {"width": 640})`. A `CaptureSource` gets
             the frame tables of the run, so that no video is scanned twice.
-        out: Output folder.
-        config: Settings.
-        sound: The soundtrack.
         device: auto, cpu, gpu or cuda.
     """
 

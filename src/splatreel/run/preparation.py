@@ -9,30 +9,23 @@ from splatreel.capture.base import Capture
 from splatreel.capture.mask_shares import describe_shares, describe_sizes, mask_shares
 from splatreel.codec.writer import ReelWriter
 from splatreel.method.cameras.rig import Rig, check_first_poses
-from splatreel.method.init.layout import Layout
-from splatreel.method.init.limits import limits
+from splatreel.method.init.layout import Layout, limits
 from splatreel.method.prediction.quality import Coverage, cover
 from splatreel.method.train.single_frame import Subject, lay_out
 from splatreel.run.job import Job
 from splatreel.run.output.group_writer import header_of, open_writer
 from splatreel.run.output.sound_output import Soundtrack, save_soundtrack
 from splatreel.run.requirements import check_images
-from splatreel.run.run_lock import RunLock
-from splatreel.run.step_checkpoints import POSES
+from splatreel.run.run_folder import RunLock
+from splatreel.run.steps import POSES
 from splatreel.run.store import GroupStore
 
 
 def prepare(job: Job, capture: Capture, middle: int, lock: RunLock) -> tuple[Rig, Layout]:
-    """Check the training cameras, and save the initial points and the measures of the scene.
+    """Check the training cameras, and save the initial points and the measures of the scene. Return both, the cameras and the measures.
 
-    Args:
-        job: The run.
-        capture: The capture.
-        middle: Frame in the middle of the first group. Poses are checked at the first frame and at this one.
-        lock: Lock of the run, which learns that the folder belongs to it.
-
-    Returns:
-        The cameras that are trained on, and the measures.
+    Poses are checked at the first frame and at `middle`, in the middle of the first group. The lock learns that
+    the folder belongs to the run.
     """
     store, rig = job.store, Rig.of(capture.training_cameras)
     if (layout := store.layout()) is not None:
@@ -99,7 +92,7 @@ def open_reel_writer(job: Job, lock: RunLock) -> ReelWriter:
 def check_cameras(
     job: Job, capture: Capture, rig: Rig, frames: np.ndarray, store: GroupStore
 ) -> tuple[Rig, np.ndarray]:
-    """Correct the poses of the cameras, and leave out cameras that show something else.
+    """Correct the poses of the cameras, and leave out cameras that show something else. Return those that are left, and their images.
 
     Args:
         job: The run.
@@ -107,9 +100,6 @@ def check_cameras(
         rig: The training cameras.
         frames: Images [T, C, H, W, 3] uint8 of some moments. The first and the middle one are compared.
         store: Checkpoints that keep the poses.
-
-    Returns:
-        The cameras that are left, and their images.
     """
     compared = frames[[0, len(frames) // 2]]
     check_images(capture, rig.names, compared)
@@ -126,12 +116,7 @@ def check_cameras(
 def report_coverage(job: Job, capture: Capture, rig: Rig, images: np.ndarray, middle: int = 0) -> Coverage:
     """Measure and report how well the cameras cover the scene, before anything is trained.
 
-    Args:
-        job: The run.
-        capture: The capture.
-        rig: The cameras that are trained on.
-        images: Their images [C, H, W, 3] uint8 of the first frame.
-        middle: Frame at which masks are compared, beside the first one.
+    The cameras' images [C, H, W, 3] uint8 are of the first frame. Masks are compared there and at the frame `middle`.
     """
     known = {"points": capture.points, "point_colors": capture.point_colors, "near": capture.near}
     masks = [alpha for frame in {0, middle} if (alpha := capture.alpha(frame, 1, rig.names)) is not None]

@@ -12,18 +12,17 @@ from splatreel.method.cameras.exposure import measure_exposure, remove_exposure
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.encode.compression import Coding, compress_layer
-from splatreel.method.images.clean_plates import CleanPlates, clean_plates
+from splatreel.method.images.temporal_mean import CleanPlates, clean_plates
 from splatreel.method.init.initial_points import initial_points, near_plane
 from splatreel.method.init.layout import Layout, border_color, measure
 from splatreel.method.layering.lift import shares
 from splatreel.method.train.keyframe_trainer import KeyframeResult
 from splatreel.method.train.stages import train_first_keyframe
-from splatreel.run.job import Job
+from splatreel.run.job import Job, StepRun
 from splatreel.run.output.sound_output import Soundtrack
 from splatreel.run.preparation import check_cameras, check_region_holds, report_coverage, save_header
-from splatreel.run.run_lock import RunLock
-from splatreel.run.step_checkpoints import restored_rig
-from splatreel.run.step_run import StepRun
+from splatreel.run.run_folder import RunLock
+from splatreel.run.steps import restored_rig
 from splatreel.run.store import GroupStore, StoredLayer
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import GroupSpan

@@ -1,32 +1,121 @@
 """Checkpoints of a run, OUT/work: the names of the files and of the arrays in them.
 
-Each result is saved as soon as it is computed, so that a run can be killed at any time and continued. Loading a result that is not
-there returns None. Two files are kept elsewhere: run.json (`run_record`) and the sound (`encode/soundtrack.py`).
-`step_checkpoints.py` names the files of the steps of a group.
+Each result is saved as soon as it is computed, whole or not at all, so that a run can be killed at any time and continued. Loading a
+result that is not there returns None. Two files are kept elsewhere: run.json (`run_folder`) and the sound (`encode/soundtrack.py`).
+`steps.py` names the files of the steps of a group.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save
 
-from splatreel.base.errors import ReconstructionError
-from splatreel.base.untrusted import is_number
+from splatreel.base.atomic import write_bytes
+from splatreel.base.errors import ReconstructionError, SplatreelError
+from splatreel.base.untrusted import is_number, read_json
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.predictive.precision import STEPS, Steps
 from splatreel.codec.presentation import Limits, Presentation, parse_presentation
 from splatreel.method.init.layout import Layout
 from splatreel.method.prediction.quality import Coverage
 from splatreel.method.prediction.trial import Trial
-from splatreel.run import checkpoint
-from splatreel.run.checkpoint import Arrays
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
+
+T = TypeVar("T")
+Arrays = dict[str, np.ndarray]
+FIELDS = ("means", "quats", "scales", "opacities", "sh")
+NUMBERS = (*FIELDS, "fineness", "importance", "tracks", "shades")
+"""Ends of the names of arrays that never hold NaN. Other arrays use NaN for unknown values."""
+
+
+def save_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    """Write arrays to a safetensors file.
+
+    Raises:
+        StorageError: The disk is full or cannot be written.
+    """
+    write_bytes(path, save({name: np.ascontiguousarray(value) for name, value in arrays.items()}))
+
+
+def load_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of a safetensors file.
+
+    Raises:
+        ReconstructionError: The file cannot be read, or holds NaN where it must not.
+    """
+    try:
+        arrays = load_file(str(path))
+    except (OSError, SafetensorError) as error:
+        raise ReconstructionError(f"{path}: cannot read this checkpoint ({error}). Delete it and run again.") from error
+    for name, array in arrays.items():
+        if name.rpartition("_")[2] in NUMBERS and array.dtype.kind == "f" and np.isnan(array).any():
+            raise ReconstructionError(
+                f"{path}: {name} holds {int(np.isnan(array).sum()):,} NaN values: this checkpoint is damaged. "
+                "Delete it and run again."
+            )
+    return arrays
+
+
+def present(**arrays: np.ndarray | None) -> Arrays:
+    """Return the arrays that are not None."""
+    return {name: array for name, array in arrays.items() if array is not None}
+
+
+def pack(gaussians: Gaussians, prefix: str = "") -> dict[str, np.ndarray]:
+    """Return Gaussians as arrays. `prefix` is put before each name."""
+    return {prefix + name: getattr(gaussians, name) for name in FIELDS}
+
+
+def unpack(arrays: dict[str, np.ndarray], prefix: str = "") -> Gaussians:
+    """Return the Gaussians that `pack` gave these arrays for."""
+    return Gaussians(*(arrays[prefix + name] for name in FIELDS))
+
+
+def save_json(path: Path, value: Any) -> None:
+    """Write a JSON file.
+
+    Raises:
+        StorageError: The disk is full or cannot be written.
+    """
+    write_bytes(path, (json.dumps(value, indent=1, sort_keys=True) + "\n").encode())
+
+
+def load_json(path: Path) -> Any:
+    """Return the value of a JSON file.
+
+    Raises:
+        ReconstructionError: The file cannot be read.
+    """
+    try:
+        return read_json(path, ReconstructionError)
+    except ReconstructionError as error:
+        raise ReconstructionError(f"{error} This checkpoint cannot be read: delete it and run again.") from error
+
+
+def load_checked(path: Path, decode: Callable[[Any], T]) -> T:
+    """Return the decoded value of a JSON file.
+
+    Args:
+        path: The file.
+        decode: Takes the value. It may raise any error that a value of an unexpected type causes.
+
+    Raises:
+        ReconstructionError: The file cannot be read, or `decode` failed.
+    """
+    value = load_json(path)
+    try:
+        return decode(value)
+    except (TypeError, ValueError, KeyError, AttributeError, IndexError, OverflowError, SplatreelError) as error:
+        raise ReconstructionError(f"{path}: is damaged ({error!r:.200}). Delete the folder to start over.") from error
+
 
 LAST_OF_GROUP = "encoded-group.safetensors"
 """File of a chapter's group that is written last."""
@@ -56,7 +145,6 @@ class StoredGroup:
     """A finished group before encoding.
 
     Attributes:
-        group: The group.
         importance: Importance [N, 3] of its dynamic points; None where it was not measured.
         steps: Quantization steps of the group's file at a coarseness of 1.
     """
@@ -70,24 +158,23 @@ class GroupStore:
     """Checkpoints of one group, or of the scene that chapters share."""
 
     def __init__(self, folder: Path) -> None:
-        """Remember the folder."""
         self.folder = folder
 
     def load(self, name: str) -> Arrays | None:
         """Return the arrays of a checkpoint; None where there is none."""
         path = self._path(name)
-        return checkpoint.load_arrays(path) if path.exists() else None
+        return load_arrays(path) if path.exists() else None
 
     def save(self, name: str, arrays: Arrays) -> None:
         """Write a checkpoint."""
-        checkpoint.save_arrays(self._path(name), arrays)
+        save_arrays(self._path(name), arrays)
 
     def layer(self) -> StoredLayer | None:
         """Return the static points that the group added."""
         arrays = self.load("layer")
         if arrays is None:
             return None
-        trained, decoded = (checkpoint.unpack(arrays, f"{kind}_") for kind in ("raw", "decoded"))
+        trained, decoded = (unpack(arrays, f"{kind}_") for kind in ("raw", "decoded"))
         return StoredLayer(trained, decoded, arrays.get("importance"), _steps(arrays))
 
     def has_layer(self) -> bool:
@@ -96,8 +183,8 @@ class GroupStore:
 
     def save_layer(self, layer: StoredLayer) -> None:
         """Save the static points that the group added."""
-        arrays = checkpoint.pack(layer.trained, "raw_") | checkpoint.pack(layer.decoded, "decoded_")
-        self.save("layer", arrays | {"steps": layer.steps.to_array()} | checkpoint.present(importance=layer.importance))
+        arrays = pack(layer.trained, "raw_") | pack(layer.decoded, "decoded_")
+        self.save("layer", arrays | {"steps": layer.steps.to_array()} | present(importance=layer.importance))
 
     def encoded_layer(self) -> tuple[bytes, ...] | None:
         """Return the files of the layer's parts, with its points in the same order."""
@@ -140,9 +227,9 @@ class GroupStore:
         Raises:
             ReconstructionError: The group is not finished.
         """
-        arrays = checkpoint.load_arrays(self._path("group"))
+        arrays = load_arrays(self._path("group"))
         index, first = int(self.folder.name.removeprefix("group")), int(arrays["first_frame"][0])
-        dynamic, alive = checkpoint.unpack(arrays), arrays["alive"].astype(bool)
+        dynamic, alive = unpack(arrays), arrays["alive"].astype(bool)
         shade, light = arrays.get("shade"), arrays.get("light")
         group = Group(index, first, dynamic, arrays["dx"], arrays["dq"], alive, shade, light)
         return StoredGroup(group, arrays.get("importance"), _steps(arrays))
@@ -150,9 +237,9 @@ class GroupStore:
     def save_group(self, stored: StoredGroup) -> None:
         """Save the finished group."""
         group = stored.group
-        arrays = checkpoint.pack(group.dynamic) | {"dx": group.dx, "dq": group.dq, "alive": group.alive}
+        arrays = pack(group.dynamic) | {"dx": group.dx, "dq": group.dq, "alive": group.alive}
         arrays |= {"first_frame": np.array([group.first_frame]), "steps": stored.steps.to_array()}
-        found = checkpoint.present(shade=group.shade, light=group.light, importance=stored.importance)
+        found = present(shade=group.shade, light=group.light, importance=stored.importance)
         self.save("group", arrays | found)
 
     def _path(self, name: str) -> Path:
@@ -175,7 +262,6 @@ class Store:
     """Checkpoints of a whole run."""
 
     def __init__(self, work: Path) -> None:
-        """Remember the folder OUT/work."""
         self.work = work
 
     def group(self, index: int) -> GroupStore:
@@ -195,11 +281,11 @@ class Store:
     def chapter_firsts(self) -> list[int] | None:
         """Return the first group of each chapter; None for a video of one chapter, which shares no scene."""
         path = self.work / "chapters.json"
-        return checkpoint.load_checked(path, _firsts) if path.exists() else None
+        return load_checked(path, _firsts) if path.exists() else None
 
     def save_chapter_firsts(self, firsts: list[int]) -> None:
         """Save the first group of each chapter."""
-        checkpoint.save_json(self.work / "chapters.json", firsts)
+        save_json(self.work / "chapters.json", firsts)
 
     def finished_groups(self, first: int = 0) -> int:
         """Return the number of groups that are reconstructed without a gap, counted from group `first`."""
@@ -224,7 +310,7 @@ class Store:
         """Return the measures of the scene; None unless the initial points are saved with them."""
         if not (self._layout.exists() and self._points.exists()):
             return None
-        return checkpoint.load_checked(self._layout, Layout.from_dict)
+        return load_checked(self._layout, Layout.from_dict)
 
     def initial_points(self) -> tuple[np.ndarray, np.ndarray]:
         """Return positions [P, 3] and colors [P, 3] 0..1.
@@ -232,13 +318,13 @@ class Store:
         Raises:
             ReconstructionError: There are none.
         """
-        arrays = checkpoint.load_arrays(self._points)
+        arrays = load_arrays(self._points)
         return arrays["points"], arrays["colors"]
 
     def save_layout(self, layout: Layout, points: np.ndarray, colors: np.ndarray) -> None:
         """Save the measures of the scene and the initial points."""
-        checkpoint.save_arrays(self._points, {"points": points, "colors": colors})
-        checkpoint.save_json(self._layout, layout.to_dict())
+        save_arrays(self._points, {"points": points, "colors": colors})
+        save_json(self._layout, layout.to_dict())
 
     def header(self) -> tuple[ReelHeader, Limits | None]:
         """Return the header of the reel, and how far views hold.
@@ -251,11 +337,11 @@ class Store:
             raise ReconstructionError(
                 f"{self.work}: holds no reconstruction (no header.json). Name the work folder of a run."
             )
-        return checkpoint.load_checked(path, _header)
+        return load_checked(path, _header)
 
     def save_header(self, header: ReelHeader, limits: Limits | None = None) -> None:
         """Save the header of the reel, so that a reel can be written from the checkpoints alone."""
-        checkpoint.save_json(self.work / "header.json", header.to_dict() | Presentation(limits=limits).to_json())
+        save_json(self.work / "header.json", header.to_dict() | Presentation(limits=limits).to_json())
 
     def coverage(self) -> Coverage | None:
         """Return how well the cameras cover the scene.
@@ -266,7 +352,7 @@ class Store:
         path = self.work / "coverage.json"
         if not path.exists():
             return None
-        return checkpoint.load_checked(path, Coverage.from_dict)
+        return load_checked(path, Coverage.from_dict)
 
     def trial(self) -> Trial | None:
         """Return the result of the trial that left a camera out; None where no trial was made."""
@@ -275,7 +361,7 @@ class Store:
 
     def save_coverage(self, coverage: Coverage) -> None:
         """Save how well the cameras cover the scene."""
-        checkpoint.save_json(self.work / "coverage.json", coverage.to_dict())
+        save_json(self.work / "coverage.json", coverage.to_dict())
 
     def seconds(self, part: str | None = None) -> dict[str, float]:
         """Return seconds by stage, summed over groups and interrupted runs.
@@ -286,13 +372,13 @@ class Store:
         pattern = "seconds*.json" if part is None else self._seconds(part).name
         total: dict[str, float] = {}
         for path in sorted(self.work.glob(pattern)):
-            for stage, seconds in checkpoint.load_checked(path, _seconds_of).items():
+            for stage, seconds in load_checked(path, _seconds_of).items():
                 total[stage] = total.get(stage, 0.0) + seconds
         return total
 
     def save_seconds(self, seconds: dict[str, float], part: str = "") -> None:
         """Save the seconds of a part of the run."""
-        checkpoint.save_json(self._seconds(part), seconds)
+        save_json(self._seconds(part), seconds)
 
     def _seconds(self, part: str) -> Path:
         return self.work / f"seconds{part and f'-{part}'}.json"

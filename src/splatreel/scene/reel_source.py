@@ -8,7 +8,7 @@ from typing import Any, Literal, cast, get_args
 Part = Literal["masks", "region", "crop"]
 """Cause why a reel shows only a part of its scene: an option of `reconstruct`, or an operation of `edit`."""
 PARTS: tuple[Part, ...] = get_args(Part)
-LAST_FRAME = 1 << 40
+_LAST_FRAME = 1 << 40
 """Largest frame number that is read."""
 MAX_NAMES, MAX_NAME = 100_000, 200
 """Largest number of camera names that are read, and their largest length."""
@@ -53,7 +53,7 @@ def parse_reel_source(value: object) -> ReelSource | None:
     if not isinstance(value, dict):
         return None
     frame, part = value.get("frame"), value.get("part")
-    is_frame = isinstance(frame, int) and not isinstance(frame, bool) and 0 <= frame <= LAST_FRAME
+    is_frame = isinstance(frame, int) and not isinstance(frame, bool) and 0 <= frame <= _LAST_FRAME
     held_out, left_out = _names(value.get("held_out")), _names(value.get("left_out", []))
     known = cast(Part, part) if part in PARTS else None
     if held_out is None or left_out is None or (part is not None and known is None) or not (frame is None or is_frame):

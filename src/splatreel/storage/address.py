@@ -18,8 +18,7 @@ from urllib.request import url2pathname
 
 from splatreel.base.errors import SplatreelError, StorageError, UsageError
 from splatreel.storage import web
-from splatreel.storage.bucket import CREDENTIALS, Bucket
-from splatreel.storage.transport import PLAIN, Disk, Headers, Transport, Verdict, is_plain, judge
+from splatreel.storage.transport import CREDENTIALS, PLAIN, Bucket, Disk, Headers, Transport, Verdict, is_plain, judge
 
 if TYPE_CHECKING:
     from splatreel.base.untrusted import Kind
@@ -127,7 +126,6 @@ class Address:
             raise UsageError(f"{self._shown}: is not an address ({error}). Correct it.") from error
 
     def __str__(self) -> str:
-        """Return the address for messages, without passwords and signatures."""
         return self._shown
 
     def name(self, file: str) -> str:

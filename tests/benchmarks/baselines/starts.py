@@ -10,8 +10,7 @@ from splatreel.codec.reader import ReelReader
 from splatreel.config import Config
 from splatreel.config.settings import changed
 from splatreel.method.init.layout import Layout
-from splatreel.run import checkpoint
-from splatreel.run.store import Store
+from splatreel.run.store import Store, pack
 from splatreel.scene.gaussians import Gaussians
 from tests.evaluation import scenes
 
@@ -46,6 +45,6 @@ def write_start(capture: Capture, out: Path, keyframe: Gaussians | None = None) 
     store.save_header(header)
     bounds = np.stack([points.means.min(0), points.means.max(0)]).astype(float).tolist()
     store.save_layout(Layout(header.near, 3.0, [0.0, -1.0, 0.0], bounds), points.means, np.ones((len(points), 3)))
-    store.group(0).save("keyframe", checkpoint.pack(points) | {"gains": np.ones((len(cameras), 3), np.float32)})
+    store.group(0).save("keyframe", pack(points) | {"gains": np.ones((len(cameras), 3), np.float32)})
     store.save_seconds(SECONDS)
     return SharedStart(capture, out, changed(Config(), PLAIN))

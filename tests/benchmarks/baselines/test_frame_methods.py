@@ -11,8 +11,8 @@ from baselines.part_by_part import Frames, PartMethod, run_in_parts
 from baselines.shared_start import SharedStart
 from baselines.temporal_slices import TemporalSlices
 from splatreel.base.progress import Silent
+from splatreel.codec.inspection import reel_info
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.reel_sizes import reel_info
 from splatreel.evaluation.metrics import psnr
 from splatreel.kernels.image import render_image
 from splatreel.play.timeline import Timeline

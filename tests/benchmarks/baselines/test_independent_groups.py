@@ -6,7 +6,7 @@ import pytest
 from baselines.independent_groups import Stretch, run_independent_groups
 from splatreel.base.progress import Silent
 from splatreel.codec.reader import ReelReader
-from splatreel.evaluation.uncompressed import uncompressed_frames
+from splatreel.evaluation.evaluate import uncompressed_frames
 from splatreel.play.timeline import Timeline
 from splatreel.scene.group import GroupSpan
 from splatreel.scene.reel_source import ReelSource

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from splatreel.base.errors import UsageError
-from splatreel.run.step_checkpoints import EXPOSURE
+from splatreel.run.steps import EXPOSURE
 from tests.benchmarks.baselines.starts import SECONDS, write_start
 from tests.evaluation import scenes
 

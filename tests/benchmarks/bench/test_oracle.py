@@ -15,7 +15,7 @@ from splatreel.base.progress import Silent, Span
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config, EncodeConfig
-from splatreel.method.encode.importance import weigh
+from splatreel.method.encode.compression import weigh
 from splatreel.method.init.layout import Layout
 from splatreel.method.train.single_frame import reconstruct_single_frame
 from splatreel.scene.clearance import Clearance

@@ -3,7 +3,7 @@ import dataclasses
 import pytest
 
 from bench.oracle_report import OracleReport, Score, SingleFrame
-from splatreel.evaluation.quality import Quality
+from splatreel.evaluation.evaluate import Quality
 
 FRAMES = [
     SingleFrame(0, Score(Quality(30, 31, 0.9), None), Quality(29, 30, 0.89), 100, 2_000_000, 10.0, "cpu"),

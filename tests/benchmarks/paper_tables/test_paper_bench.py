@@ -11,8 +11,7 @@ from paper_tables.paper_bench import FULL, METHODS, PER_FRAME, PaperBench
 from splatreel.base.errors import UsageError
 from splatreel.base.progress import Silent
 from splatreel.config import Config
-from splatreel.run.machines.estimate import Estimate
-from splatreel.run.machines.scaling import Division
+from splatreel.run.estimate import Division, Estimate
 from splatreel.run.pipeline import Result
 from splatreel.run.store import StoredGroup, StoredLayer
 from tests.benchmarks.baselines.starts import SECONDS, write_start

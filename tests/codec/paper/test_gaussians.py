@@ -1,16 +1,30 @@
 """Gaussians as sections: quantization error and refused input."""
 
+import contextlib
 import dataclasses
+import sys
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from splatreel.base.errors import GaussiansError, ReelError
-from splatreel.codec.paper.gaussians import decode_gaussians, encode_gaussians
-from splatreel.codec.section import Section
+from splatreel.base.errors import GaussiansError, MissingDependencyError, ReelError
+from splatreel.codec.container import Section
+from splatreel.codec.paper.gaussians import (
+    assign,
+    decode_draco,
+    decode_gaussians,
+    encode_draco,
+    encode_gaussians,
+    kmeans,
+)
 from splatreel.config import EncodeConfig
+from splatreel.play.timeline import open_reel
+from splatreel.scene import morton
 from splatreel.scene.gaussians import Gaussians
 from tests.codec.reels import points
+from tests.golden import GOLDEN, PREDICTIVE
 
 CONFIG = EncodeConfig()
 
@@ -173,8 +187,143 @@ def test_weighted_codebook_favors_important_points():
     second, _ = encode_gaussians(gaussians, plain, weights=weights)
     assert first["sh_rest"] == second["sh_rest"]
     errors = []
-    for given in (None, weights):
-        sections, order = encode_gaussians(gaussians, plain.with_h265(weighted_codebook=True), weights=given)
+    for some in (None, weights):
+        sections, order = encode_gaussians(gaussians, plain.with_h265(weighted_codebook=True), weights=some)
         error = np.abs(decode_gaussians(sections, 400).sh - gaussians.sh[order])[:, 1:].mean((1, 2))
         errors.append(error[order < 100].mean())
     assert errors[1] < 0.9 * errors[0]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 1000])
+@pytest.mark.parametrize("offset", [0.0, 1000.0])
+def test_draco_round_trip_and_order(count, offset):
+    means = np.random.default_rng(count).normal(size=(count, 3)).astype(np.float32) + np.float32(offset)
+    data, parameters, order = encode_draco(means, 20)
+    decoded = decode_draco(data, parameters, count)
+    assert decoded.dtype == np.float32
+    assert sorted(order) == list(range(count))
+    step = parameters["range"] / ((1 << 20) - 1)
+    np.testing.assert_allclose(decoded, means[order], atol=0.51 * step + offset * 1e-7)
+    q = np.rint((decoded.astype(np.float64) - parameters["min"]) / step)
+    if not offset:
+        assert (np.diff(morton.encode(q.astype(np.int64)).astype(np.int64)) > 0).all()
+
+
+def test_draco_bytes_do_not_depend_on_order():
+    means = np.random.default_rng(0).random((500, 3))
+    data, _, order = encode_draco(means, 20)
+    assert encode_draco(means, 20)[0] == data
+    assert encode_draco(means[::-1], 20)[0] == data
+    assert encode_draco(means[order], 20)[0] == data
+
+
+def test_draco_takes_six_bytes_per_point():
+    means = np.random.default_rng(0).random((20_000, 3))
+    assert len(encode_draco(means, 20)[0]) < 6.5 * len(means)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(2, 300), st.integers(1, 40), st.integers(0, 2**32 - 1))
+def test_coinciding_points_are_kept(count, places, seed):
+    """Clones share their positions. None may be lost, and all stay within a few grid cells."""
+    rng = np.random.default_rng(seed)
+    means = rng.normal(size=(places, 3))[rng.integers(0, places, count)]
+    data, parameters, order = encode_draco(means, 20)
+    decoded = decode_draco(data, parameters, count)
+    assert len(np.unique(decoded, axis=0)) == count or parameters["range"] == 1.0
+    np.testing.assert_allclose(decoded, means[order], atol=20 * parameters["range"] / (1 << 20) + 1e-6)
+
+
+def test_too_many_points_are_refused():
+    with pytest.raises(ReelError, match="position bits"):
+        encode_draco(np.random.default_rng(0).random((5000, 3)), 4)
+
+
+@pytest.mark.parametrize("bits", [3, 22])
+def test_invalid_bits_are_refused(bits):
+    with pytest.raises(ReelError, match="bits"):
+        encode_draco(np.zeros((2, 3)), bits)
+
+
+def test_wrong_point_count_is_refused():
+    data, parameters, _ = encode_draco(np.random.default_rng(0).random((50, 3)), 16)
+    with pytest.raises(ReelError, match="50 points, expected 51"):
+        decode_draco(data, parameters, 51)
+    with pytest.raises(ReelError, match="range"):
+        decode_draco(data, parameters | {"range": float("nan")}, 50)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_damaged_draco_raises_reel_error_or_decodes(seed):
+    rng = np.random.default_rng(seed)
+    data, parameters, _ = encode_draco(np.random.default_rng(0).random((200, 3)), 20)
+    damaged = bytearray(data)
+    for at in rng.integers(0, len(data), 4):
+        damaged[at] = rng.integers(0, 256)
+    del damaged[rng.integers(len(data) // 2, 2 * len(data)) :]
+    with contextlib.suppress(ReelError):
+        assert decode_draco(bytes(damaged), parameters, 200).shape == (200, 3)
+
+
+def test_only_reels_of_the_papers_codec_need_dracopy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows on ARM has no DracoPy."""
+    monkeypatch.setitem(sys.modules, "DracoPy", None)
+    assert len(open_reel(PREDICTIVE).at(0)) > 0
+    with pytest.raises(
+        MissingDependencyError, match=r"h265.* needs DracoPy(.|\n)*pip install DracoPy(.|\n)*predictive"
+    ):
+        open_reel(GOLDEN).at(0)
+
+
+def blobs(count=2000, centers=20, seed=0):
+    rng = np.random.default_rng(seed)
+    middle = rng.normal(size=(centers, 45))
+    return (middle[rng.integers(0, centers, count)] + 0.01 * rng.normal(size=(count, 45))).astype(np.float32), middle
+
+
+def test_kmeans_finds_clusters():
+    vectors, _ = blobs()
+    codebook = kmeans(vectors, 60)
+    assert codebook.shape == (60, 45)
+    _, distance = assign(vectors, codebook)
+    assert distance.mean() < 0.02  # against 45 when nothing fits, 0.0045 for the blobs' own centers
+
+
+def test_assign_returns_the_nearest_entry():
+    vectors, _ = blobs(300)
+    codebook = vectors[:40] + 0.1
+    nearest, distance = assign(vectors, codebook)
+    exact = ((vectors[:, None] - codebook) ** 2).sum(-1)
+    np.testing.assert_allclose(exact[np.arange(300), nearest], exact.min(1), atol=1e-4)
+    np.testing.assert_allclose(distance, exact.min(1), atol=1e-3)
+
+
+def test_same_seed_same_codebook():
+    vectors, _ = blobs()
+    np.testing.assert_array_equal(kmeans(vectors, 32, seed=3), kmeans(vectors, 32, seed=3))
+
+
+def test_few_vectors_are_kept_exactly():
+    vectors = np.repeat(blobs(5)[0], 3, axis=0)
+    codebook = kmeans(vectors, 1024)
+    assert codebook.shape == (5, 45)
+    nearest, _ = assign(vectors, codebook)
+    np.testing.assert_array_equal(codebook[nearest], vectors)
+
+
+def test_one_entry_is_the_mean():
+    vectors = np.array([[0.0], [1.0], [5.0]], np.float32)
+    np.testing.assert_allclose(kmeans(vectors, 1), [[2.0]])
+
+
+def test_kmeans_favors_larger_weights():
+    """A cloud with a hundred times the weight of another gets most of the entries, and its error falls."""
+    rng = np.random.default_rng(0)
+    vectors = np.concatenate([rng.normal(0, 1, (500, 6)), rng.normal(20, 1, (500, 6))]).astype(np.float32)
+    weights = np.repeat([100.0, 1.0], 500)
+    errors = [assign(vectors[:500], kmeans(vectors, 40, weights=w))[1].mean() for w in (None, weights)]
+    codebook = kmeans(vectors, 40, weights=weights)
+    assert (codebook.mean(1) < 10).sum() > 35
+    assert errors[1] < 0.85 * errors[0]
+    np.testing.assert_allclose(kmeans(np.array([[0.0], [3.0]], np.float32), 1, weights=np.array([2, 1])), [[1.0]])

@@ -10,7 +10,7 @@ import pytest
 from splatreel.base.errors import ReelError
 from splatreel.codec.container import pack_file, unpack_file
 from splatreel.codec.group_file import decode_group, encode_group
-from splatreel.codec.paper import maps, offsets
+from splatreel.codec.paper import hevc, offsets
 from splatreel.config import EncodeConfig
 from splatreel.scene import rotations
 from splatreel.scene.group import Group
@@ -70,7 +70,7 @@ def test_zero_motion_is_exact():
 
 def test_map_layout_known_answers():
     """Z-order in a block of 16, every odd row of blocks from right to left."""
-    pixels = maps.pixels_of(256 * 6, 48)
+    pixels = hevc.pixels_of(256 * 6, 48)
     xy = np.stack([pixels % 48, pixels // 48], -1)
     assert xy[[0, 1, 2, 3, 255]].tolist() == [[0, 0], [1, 0], [0, 1], [1, 1], [15, 15]]
     assert xy[[256, 512, 768, 1024, 1280]].tolist() == [[16, 0], [32, 0], [32, 16], [16, 16], [0, 16]]
@@ -192,14 +192,3 @@ def test_truncated_raw_offsets_are_refused():
     assert len(data) == 4 * 7 * 2 * 30
     with pytest.raises(ReelError, match="float32 numbers of shape"):
         offsets.decode(data[:-4], parameters, 2, 30)
-
-
-def test_rotations_have_a_separate_crf():
-    dx, dq = motion(700, 5)
-    coarse = encode(dx, dq, CONFIG.with_h265(crf_rotation=45))
-    fine = encode(dx, dq)
-    assert len(coarse[0]) < len(fine[0])
-    got_dx, got_dq = offsets.decode(*coarse, 5, 700)
-    expected_dx, expected_dq = offsets.decode(*fine, 5, 700)
-    np.testing.assert_array_equal(got_dx, expected_dx)
-    assert angles(got_dq, dq).mean() > angles(expected_dq, dq).mean()

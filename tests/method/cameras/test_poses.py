@@ -1,10 +1,21 @@
+from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 
-from splatreel.method.cameras.poses import MOVED, PLENTY, PoseEstimate, PoseFindings, inspect_poses
+from splatreel.capture.pose_checks import inverted, with_opengl_axes
+from splatreel.method.cameras.poses import (
+    MOVED,
+    PLENTY,
+    PoseEstimate,
+    PoseFindings,
+    inspect_poses,
+    match_nearest,
+    recognize_convention,
+)
+from splatreel.method.init.triangulate import detect
 from splatreel.scene.camera import Camera
 from tests.method.corner import HEIGHT, WIDTH, arc, make_images, texture
 
@@ -130,3 +141,30 @@ def test_fewer_features_need_a_larger_error():
     assert not PoseEstimate(CAMERAS[0], gain=2, moved=off, features=few).wrong
     assert PoseEstimate(CAMERAS[0], gain=2, moved=5 * MOVED, features=few).wrong
     assert not PoseEstimate(CAMERAS[0], gain=1, moved=5 * MOVED, features=PLENTY).wrong
+
+
+POSED = arc(5)
+IMAGES = make_images(POSED)
+FEATURES = [detect(image) for image in IMAGES]
+
+
+def test_correct_poses_keep_their_convention() -> None:
+    assert recognize_convention(POSED, FEATURES, match_nearest(POSED, FEATURES)) is None
+
+
+@pytest.mark.parametrize(
+    ("stored", "meant"),
+    [
+        (inverted, "camera to world"),
+        (with_opengl_axes, "world to camera in OpenGL's axes (y up, z backwards)"),
+        (lambda cameras: inverted(with_opengl_axes(cameras)), "camera to world in OpenGL's axes (y up, z backwards)"),
+    ],
+)
+def test_convention_of_the_poses_is_recognized(stored: Callable[[list[Camera]], list[Camera]], meant: str) -> None:
+    """The cameras stand in a row and look ahead. The axes of their inverse poses meet in front of the cameras, too."""
+    assert inspect_poses(stored(POSED), np.stack([IMAGES] * 2)) == PoseFindings({}, [], [], [], meant)
+
+
+def test_unrelated_images_show_no_convention() -> None:
+    others = [detect(np.roll(image, (23 * i, 31 * i), (0, 1))) for i, image in enumerate(IMAGES)]
+    assert recognize_convention(POSED, others, match_nearest(POSED, others)) is None

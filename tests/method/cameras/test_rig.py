@@ -12,7 +12,7 @@ from splatreel.method.cameras.poses import PoseFindings
 from splatreel.method.cameras.rig import Rig, check_first_poses, check_later_poses, report_offsets
 from splatreel.method.cameras.time_offsets import LearnedOffsets
 from splatreel.method.train.keyframe_trainer import KeyframeResult
-from splatreel.run.step_checkpoints import EXPOSURE, KEYFRAME, POSES, restored_rig
+from splatreel.run.steps import EXPOSURE, KEYFRAME, POSES, restored_rig
 from splatreel.run.store import GroupStore
 from splatreel.scene.gaussians import Gaussians
 from tests.method.cameras.test_poses import apart, turned

@@ -9,8 +9,8 @@ import pytest
 from splatreel.codec.reader import ReelReader
 from splatreel.method.cameras import rig
 from splatreel.method.cameras.poses import CorrectedPose, PoseFindings
-from splatreel.run.checkpoint import load_arrays
 from splatreel.run.pipeline import reconstruct
+from splatreel.run.store import load_arrays
 from splatreel.scene.camera import Camera
 from tests.method.captures import WallCapture
 from tests.run.test_pipeline import CONFIG, FRAMES, Stop, content, finish_despite

@@ -15,8 +15,7 @@ from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.group_trainer import GroupTrainer
 from splatreel.method.train.render import View
 from splatreel.method.train.training_images import TrainingImages
-from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from tests.method.captures import blots
 from tests.method.scenes import ring
 from tests.method.small import plain

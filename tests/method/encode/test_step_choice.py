@@ -27,12 +27,10 @@ from splatreel.method.encode.step_choice import (
 )
 from splatreel.method.init.layout import Layout
 from splatreel.method.prediction.trial import Trial
-from splatreel.run.checkpoint import load_arrays, save_arrays
-from splatreel.run.store import Store, StoredGroup, StoredLayer
+from splatreel.run.store import Store, StoredGroup, StoredLayer, load_arrays, save_arrays
 from splatreel.scene import rotations
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import Group, GroupSpan
-from splatreel.scene.static_points import StaticPoints
 from tests.golden import random_gaussians, random_motion, random_shade
 from tests.method.captures import blots
 from tests.method.scenes import ring

@@ -9,7 +9,8 @@ from splatreel.base.errors import ReconstructionError
 from splatreel.config import LayeringConfig
 from splatreel.kernels.image import render_image
 from splatreel.method.layering import lift as lifting
-from splatreel.method.layering.lift import DYNAMIC_LABEL, lift, shares
+from splatreel.method.layering.labels import DYNAMIC_LABEL
+from splatreel.method.layering.lift import lift, shares
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import C0, Gaussians
 

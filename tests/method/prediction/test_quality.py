@@ -1,5 +1,6 @@
 """Expected quality of novel views, for rigs with good and with poor coverage."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,16 +13,17 @@ from splatreel.base.progress import Silent
 from splatreel.capture.color import over_color
 from splatreel.codec.reader import ReelReader
 from splatreel.method.prediction import trial
-from splatreel.method.prediction.quality import Coverage, cover
+from splatreel.method.prediction.quality import SCALE, Coverage, Silhouettes, cover, judge_capture, rating
 from splatreel.method.prediction.trial import Trial
 from splatreel.run import pipeline, preparation
 from splatreel.run.store import Store
-from splatreel.scene.camera import Camera
+from splatreel.scene.camera import Camera, unproject
 from tests.method import corner
 from tests.method.captures import WallCapture
 from tests.method.scenes import look_at
 from tests.method.small import small
 from tests.notes import Notes
+from tests.segmentation.scenes import ring
 
 
 @pytest.fixture(autouse=True)
@@ -138,3 +140,252 @@ def test_room_behind_soft_edges_does_not_count_as_an_error_of_the_subject(monkey
     assert tried().psnr == trial.BEST
     brightness = 0.9
     assert tried().psnr < 40, "evaluate does not fit the exposure either"
+
+
+CAMERAS = ring(5)
+MIDDLE = np.array([0.2, 0.7, -0.1])
+BODY = ((MIDDLE, 0.4), (MIDDLE + np.array([0.1, 0.55, 0.2]), 0.2), (MIDDLE + np.array([-0.5, -0.2, 0.1]), 0.15))
+"""Middles and radii of the balls of a body without symmetry."""
+
+
+def draw(camera: Camera, balls: Sequence[tuple[np.ndarray, float]]) -> np.ndarray:
+    """Return the mask [H, W] uint8 of balls."""
+    rays = unproject(camera, np.ones((camera.height, camera.width))) - camera.center
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    mask = np.zeros(rays.shape[:2], bool)
+    for middle, radius in balls:
+        to_middle = middle - camera.center
+        beside = to_middle - (rays @ to_middle)[..., None] * rays
+        mask |= np.linalg.norm(beside, axis=-1) < radius
+    return np.where(mask, 255, 0).astype(np.uint8)
+
+
+def moment(x: float = 0, z: float = 0) -> np.ndarray:
+    """Return the masks [C, H, W] of the body at a place."""
+    return np.stack(
+        [draw(camera, [(place + np.array([x, 0, z]), radius) for place, radius in BODY]) for camera in CAMERAS]
+    )
+
+
+MASKS = np.stack([moment(), moment(0.5, -0.4)])
+
+
+def turned_camera(camera: Camera, degrees: float) -> Camera:
+    """Return a camera whose pose is wrong by an angle."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    turn = np.array([[c, 0, -s, 0], [0, 1, 0, 0], [s, 0, c, 0], [0, 0, 0, 1]])
+    return replace(camera, viewmat=turn @ camera.viewmat)
+
+
+def fits(cameras: list[Camera], masks: np.ndarray) -> list[float]:
+    return Silhouettes(cameras, masks, MIDDLE, 0.1).fits
+
+
+def doubt(cameras: list[Camera], masks: np.ndarray) -> str | None:
+    """Return wrong poses that fit as well; None where the given ones do not fit."""
+    found = Silhouettes(cameras, masks, MIDDLE, 0.1)
+    return found.wrong_poses_that_fit() if min(found.fits) >= 0.9 else None
+
+
+def test_masks_of_right_poses_fit_and_would_not_fit_wrong_ones() -> None:
+    assert min(fits(CAMERAS, MASKS)) > 0.98
+    assert doubt(CAMERAS, MASKS) == ""
+
+
+@pytest.mark.parametrize("degrees", [10, -10, 25])
+def test_a_wrong_pose_does_not_fit(degrees: float) -> None:
+    cameras = [turned_camera(CAMERAS[0], degrees), *CAMERAS[1:]]
+    assert min(fits(cameras, MASKS)) < 0.8
+
+
+@pytest.mark.parametrize("degrees", [5, -5, 10, -10, 30])
+@pytest.mark.parametrize("wrong", [0, 3])
+def test_a_wrong_pose_is_not_confirmed(wrong: int, degrees: float) -> None:
+    cameras = [turned_camera(camera, degrees) if c == wrong else camera for c, camera in enumerate(CAMERAS)]
+    assert doubt(cameras, MASKS) != ""
+
+
+@pytest.mark.parametrize("pair", [(0, 1), (0, 2), (1, 4)])
+def test_exchanged_cameras_are_not_confirmed(pair: tuple[int, int]) -> None:
+    order = list(range(5))
+    order[pair[0]], order[pair[1]] = pair[1], pair[0]
+    assert doubt(CAMERAS, MASKS[:, order]) != ""
+
+
+@pytest.mark.parametrize("share", [-0.3, 0.3])
+def test_a_camera_at_a_wrong_place_is_not_confirmed(share: float) -> None:
+    viewmat = CAMERAS[1].viewmat.copy()
+    viewmat[[0, 2], 3] += share * viewmat[2, 3] * np.array([0.4, 1])
+    assert doubt([CAMERAS[0], replace(CAMERAS[1], viewmat=viewmat), *CAMERAS[2:]], MASKS) != ""
+
+
+def boxes(masks: np.ndarray, margin: int) -> np.ndarray:
+    """Return a box around each mask [M, C, H, W]."""
+    out = np.zeros_like(masks)
+    for target, mask in zip(out.reshape(-1, *masks.shape[2:]), masks.reshape(-1, *masks.shape[2:]), strict=True):
+        rows, columns = np.nonzero(mask)
+        top, left = max(rows.min() - margin, 0), max(columns.min() - margin, 0)
+        target[top : rows.max() + 1 + margin, left : columns.max() + 1 + margin] = 255
+    return out
+
+
+@pytest.mark.parametrize("masks", [np.full_like(MASKS, 255), boxes(MASKS, 16)], ids=["white", "boxes"])
+def test_large_masks_confirm_nothing(masks: np.ndarray) -> None:
+    assert min(fits(CAMERAS, masks)) > 0.9, "they fit"
+    assert "as well if " in (doubt(CAMERAS, masks) or "")
+    turned_away = [turned_camera(CAMERAS[0], 10), *CAMERAS[1:]]
+    assert doubt(turned_away, masks) != ""
+
+
+def test_a_ball_in_the_middle_does_not_tell_cameras_apart() -> None:
+    masks = np.stack([[draw(camera, [(np.array([0, 0.6, 0]), 0.5)]) for camera in CAMERAS]])
+    assert "were exchanged" in (doubt(CAMERAS, masks) or "")
+
+
+def test_masks_of_another_moment_do_not_fit() -> None:
+    masks = MASKS.copy()
+    masks[:, 2] = MASKS[::-1, 2]
+    assert doubt(CAMERAS, masks) is None
+
+
+def test_masks_that_hardly_show_the_subject_confirm_nothing() -> None:
+    """Masks without weights leave out what no other camera confirms: with a wrong pose, almost everything."""
+    some = MASKS[:1].copy()
+    some[0, 2, : np.nonzero(some[0, 2].any(1))[0][-1]] = 0
+    assert some[0, 2].any()
+    assert fits(CAMERAS, some)[2] == 0
+    some[0, 2] = 0
+    assert fits(CAMERAS, some)[2] == 0
+
+
+def test_moments_at_which_a_camera_does_not_see_the_subject_do_not_count() -> None:
+    some = np.concatenate([MASKS, MASKS[:1]])
+    some[2] = 0
+    some[1, 2] = 0
+    assert fits(CAMERAS, some)[2] > 0.98
+
+
+def test_two_masks_confirm_nothing() -> None:
+    assert fits(CAMERAS[:2], MASKS[:, :2]) == [0, 0]
+    assert min(fits(CAMERAS[:3], MASKS[:, :3])) > 0.98
+
+
+NAMES = [f"cam{number}" for number in range(5)]
+
+
+def coverage(
+    psnr: float | None = 31.0, shared: list[int] | None = None, twins: list[list[str]] | None = None
+) -> Coverage:
+    trial = None if psnr is None else Trial("cam2", 30.0, psnr, 17.8, 14.2)
+    return Coverage(NAMES, [30.0] * 5, shared or [90, 120, 80, 70, 100], 200, trial, twins or [])
+
+
+@pytest.mark.parametrize(
+    ("psnr", "word"), [(20.2, "poor"), (23.9, "poor"), (25.0, "fair"), (30.0, "good"), (40.0, "very good")]
+)
+def test_views_are_rated_on_the_scale_of_the_report(psnr: float, word: str) -> None:
+    found = coverage(psnr)
+    assert rating(psnr) == word
+    assert f"Expect novel views between the cameras to be {word}, about {psnr:.0f} dB" in found.sentences()[-1]
+    assert "will hold" not in found.sentences()[-1]
+    verdict = judge_capture(found, [])
+    assert verdict.faults == []
+    assert f"will be {word} (about {psnr:.0f} dB)" in verdict.text("CMD")
+    assert ("closer together" in found.sentences()[-1]) == (word == "poor")
+    assert "20 dB is poor, 30 dB is good" in SCALE
+
+
+def test_trial_that_fails_limits_the_views() -> None:
+    text = judge_capture(coverage(16.0), []).text("CMD")
+    assert "only views within 10 degrees of a camera will be usable; a person alone holds further" in text
+    assert text.endswith("(--masks auto). Run\n  CMD")
+
+
+def test_without_a_trial_novel_views_are_not_mentioned() -> None:
+    assert (
+        judge_capture(coverage(None), [])
+        .text("CMD")
+        .startswith("It can be reconstructed, but no trial of novel views was made")
+    )
+
+
+@pytest.mark.parametrize(
+    ("found", "misfits", "said"),
+    [
+        (coverage(twins=[["cam1", "cam3"]]), [], "cam1 and cam3 have the same pose"),
+        (coverage(shared=[90, 0, 80, 70, 100]), [], "cam1 has 0 points in common with two other cameras, where 80"),
+        (coverage(shared=[0] * 5, psnr=None), [], "the images do not confirm the poses"),
+        (coverage(shared=[0] * 5, psnr=20.2), [], "the images do not confirm the poses"),
+        (coverage(shared=[0] * 5, psnr=12.0), [], "the images do not confirm the poses"),
+        (coverage(), ["cam0", "cam4"], "the poses or lenses of cam0, cam4 do not fit each other"),
+    ],
+)
+def test_faults_fail_the_verdict(found: Coverage, misfits: list[str], said: str) -> None:
+    verdict = judge_capture(found, misfits)
+    assert len(verdict.faults) == 1
+    assert said in verdict.text("CMD")
+    assert verdict.text("CMD").startswith("Do not reconstruct it as it is:")
+    assert "It can be reconstructed" not in verdict.text("CMD")
+
+
+def test_good_trial_confirms_poses_of_plain_walls() -> None:
+    assert judge_capture(coverage(shared=[0] * 5, psnr=31.0), []).faults == []
+
+
+def test_trial_of_a_subject_confirms_poses_of_cameras_that_share_no_points() -> None:
+    found = replace(coverage(shared=[0] * 5, psnr=21.0), subject=True)
+    assert judge_capture(found, []).faults == []
+    assert found.trial is not None
+    blurred = replace(found, trial=replace(found.trial, psnr=found.trial.flat + 1.5))
+    assert "do not confirm the poses" in judge_capture(blurred, []).text("CMD")
+
+
+def test_masks_that_fit_confirm_poses_where_the_trial_fails() -> None:
+    """Three of four cameras 70 degrees apart do not make a subject that the fourth recognizes, whatever their poses."""
+    found = replace(
+        coverage(shared=[1] * 5, psnr=9.0), subject=True, mask_fits=[1.0, 0.95, 1.0, 0.99, 1.0], mask_doubt=""
+    )
+    assert judge_capture(found, []).faults == []
+    assert any("the poses are confirmed by the masks" in sentence for sentence in found.sentences())
+    assert Coverage.from_dict(found.to_dict()) == found
+    apart = replace(found, mask_fits=[1.0, 0.4, 0.8, 0.99, 1.0])
+    said = judge_capture(apart, []).text("CMD")
+    assert "half of the cameras have 1 point or fewer in common" in said
+    assert "Masks fit the others in part only: cam1 (40%), cam2 (80%). They or the poses are wrong." in said
+    assert any(sentence.startswith("the mask of cam1 does not fit") for sentence in apart.sentences())
+
+
+@pytest.mark.parametrize(("doubt", "said"), [("as well if cam1 and cam3 were exchanged", True), (None, False)])
+def test_masks_that_fit_wrong_poses_as_well_confirm_nothing(doubt: str | None, said: bool) -> None:
+    """Runs of earlier versions did not try wrong poses."""
+    found = replace(coverage(shared=[1] * 5, psnr=9.0), subject=True, mask_fits=[1.0] * 5, mask_doubt=doubt)
+    assert not any("confirmed" in sentence for sentence in found.sentences())
+    text = judge_capture(found, []).text("CMD")
+    assert "the images do not confirm the poses" in text
+    assert ("The masks confirm nothing: they would fit as well if cam1 and cam3 were exchanged." in text) == said
+    assert Coverage.from_dict(found.to_dict()) == found
+
+
+@pytest.mark.parametrize(("share", "fits"), [(0.9, [1.0] * 5), (0.1, [0.3, 1, 1, 1, 1])])
+def test_trial_of_a_subject_confirms_nothing_by_large_masks_or_masks_that_do_not_fit(
+    share: float, fits: list[float]
+) -> None:
+    found = replace(coverage(shared=[0] * 5, psnr=21.0), subject=True, mask_share=0.1, mask_fits=[0.8] * 5)
+    assert judge_capture(found, []).faults == []
+    assert judge_capture(replace(found, mask_share=share, mask_fits=fits), []).faults
+
+
+def test_verdict_of_a_subject_says_what_more_cameras_bring() -> None:
+    found = replace(coverage(22.0), subject=True, angles=[30.0, 60.0, 30.0, 40.0, 50.0])
+    sentence = found.sentences()[-1]
+    assert "Quick trial of the subject without cam2" in sentence
+    assert "Expect novel views of the subject between the cameras to be poor, about 22 dB" in sentence
+    assert "40 degrees apart. One more camera in the largest gap (beside cam1) would bring about 0.2 dB" in sentence
+    assert found.trial is not None
+    blurred = replace(found, trial=replace(found.trial, psnr=15.0))
+    assert blurred.angle is None, "the player does not limit views of a subject"
+    failed = judge_capture(blurred, []).text("CMD")
+    assert "the subject will be a blur between the cameras" in failed
+    assert "One more camera" in failed
+    assert "--masks auto" not in failed
+    assert Coverage.from_dict(found.to_dict()) == found

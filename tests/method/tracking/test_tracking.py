@@ -12,9 +12,8 @@ from splatreel.method.layering.labels import RelitPoints
 from splatreel.method.tracking import tracking
 from splatreel.method.tracking.track import identity_quats
 from splatreel.method.tracking.tracking import ChangeDetector, GroupStart, VelocityPrior, track
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import Group
-from splatreel.scene.static_points import StaticPoints
 from tests.method.captures import blots
 from tests.method.inputs import group_input
 from tests.method.scenes import ring

@@ -9,9 +9,8 @@ import pytest
 
 from splatreel.base.progress import Silent
 from splatreel.method.deform.knot_adam import Adam
-from splatreel.method.train.average import Average
 from splatreel.method.train.group_trainer import GroupTrainer
-from splatreel.method.train.keyframe_trainer import KeyframeTrainer
+from splatreel.method.train.keyframe_trainer import Average, KeyframeTrainer
 from splatreel.method.train.training_images import TrainingImages
 from tests.method.train.trainers import CLOSE, SURFACES_CLOSE, difference, group_adams
 

@@ -13,12 +13,12 @@ from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.hashgrid import HashGrid
 from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.tracking.tracking import GroupStart
-from splatreel.method.train.group_trainer import GroupResult, GroupTrainer
+from splatreel.method.train import density
+from splatreel.method.train.group_trainer import FrameSchedule, GroupResult, GroupTrainer
 from splatreel.method.train.render import View
 from splatreel.method.train.training_images import TrainingImages
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import Group
-from splatreel.scene.static_points import StaticPoints
 from tests.method.captures import blots
 from tests.method.scenes import ring
 from tests.method.small import plain
@@ -167,11 +167,12 @@ def test_group_training_is_deterministic_per_seed(filmed: TrainingImages) -> Non
     np.testing.assert_array_equal(a.dynamic.means, b.dynamic.means)
 
 
-def test_conversion_makes_moving_static_points_dynamic(filmed: TrainingImages) -> None:
+def test_conversion_makes_moving_static_points_dynamic(filmed: TrainingImages, monkeypatch: pytest.MonkeyPatch) -> None:
     """A few moving points start as static ones. They are converted, and no point of the wall is."""
+    monkeypatch.setattr(density, "ADAPT_NEIGHBORS", 0.4)
     few = np.arange(len(THING)) % 8 == 0
     static = Gaussians.concatenate([WALL, THING[few]])
-    group = trainer(filmed, config(iterations=60, adapt_every=30, adapt_neighbors=0.4), THING[~few], static)
+    group = trainer(filmed, config(iterations=60, adapt_every=30), THING[~few], static)
     result = group.train(Silent())
     converted = ~result.alive
     assert converted[len(WALL) :].mean() > 0.7
@@ -180,28 +181,40 @@ def test_conversion_makes_moving_static_points_dynamic(filmed: TrainingImages) -
     assert result.dx.shape[1] == len(result.dynamic)
 
 
-def test_conversion_by_gradient_alone(filmed: TrainingImages) -> None:
+def test_conversion_by_gradient_alone(filmed: TrainingImages, monkeypatch: pytest.MonkeyPatch) -> None:
     few = np.arange(len(THING)) % 8 == 0
     static = Gaussians.concatenate([WALL, THING[few]])
-    settings = {"adapt_every": 40, "adapt_neighbors": 2.0}
-    strict = trainer(filmed, config(iterations=40, adapt_gradient=1e9, **settings), THING[~few], static)
+    settings = config(iterations=40, adapt_every=40)
+    monkeypatch.setattr(density, "ADAPT_NEIGHBORS", 2.0)
+    monkeypatch.setattr(density, "ADAPT_GRADIENT", 1e9)
+    strict = trainer(filmed, settings, THING[~few], static)
     assert strict.train(Silent()).alive.all(), "nothing is converted, nor by its neighbors"
-    loose = trainer(filmed, config(iterations=40, adapt_gradient=3e-4, **settings), THING[~few], static)
+    monkeypatch.setattr(density, "ADAPT_GRADIENT", 3e-4)
+    loose = trainer(filmed, settings, THING[~few], static)
     alive = loose.train(Silent()).alive
     assert (~alive[len(WALL) :]).mean() > 0.3
     assert (~alive[: len(WALL)]).mean() < 0.05, "the wall stands still"
 
 
+@pytest.fixture
+def all_convert(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Any gradient converts a static point."""
+    monkeypatch.setattr(density, "ADAPT_GRADIENT", 0.0)
+    monkeypatch.setattr(density, "ADAPT_NEIGHBORS", 2.0)
+
+
+@pytest.mark.usefixtures("all_convert")
 def test_conversion_respects_may_move(filmed: TrainingImages) -> None:
-    settings = config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbors=2.0)
+    settings = config(iterations=8, adapt_every=10)
     may = np.arange(len(WALL)) % 2 == 0
     alive = trainer(filmed, settings, may_move=may).train(Silent()).alive
     assert alive[~may].all()
     assert not alive[may].all()
 
 
+@pytest.mark.usefixtures("all_convert")
 def test_conversion_and_cloning_stop_at_budget(filmed: TrainingImages) -> None:
-    group = trainer(filmed, config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbors=2.0))
+    group = trainer(filmed, config(iterations=8, adapt_every=10))
     group.density.budget = 50
     before = len(group.points)
     result = group.train(Silent())
@@ -295,3 +308,67 @@ def test_group_applies_gains_without_changing_them(filmed: TrainingImages) -> No
     assert group.psnr() > 35
     group.train(Silent())
     np.testing.assert_array_equal(gains.values, kept)
+
+
+def test_frontier_moves_from_first_to_last_frame():
+    schedule = FrameSchedule(np.ones((10, 3), bool), iterations=1000, progressive=0.5, seed=0)
+    assert [schedule.frontier(i) for i in (0, 49, 50, 250, 499, 500, 999)] == [0, 0, 1, 5, 9, 9, 9]
+    for i in range(0, 500, 7):
+        frame, camera = schedule.draw(i)
+        assert frame <= schedule.frontier(i)
+        assert 0 <= camera < 3
+
+
+def test_warm_up_prefers_newest_frames():
+    schedule = FrameSchedule(np.ones((10, 3), bool), iterations=1000, progressive=0.5, seed=0)
+    drawn = [schedule.draw(250) for _ in range(600)]  # the frontier is frame 5
+    assert set(drawn) == {(frame, camera) for frame in range(6) for camera in range(3)}
+    newest = np.mean([frame > 5 - FrameSchedule.FRONTIER_FRAMES for frame, _ in drawn])
+    share = FrameSchedule.FRONTIER_SHARE
+    assert newest == pytest.approx(share + (1 - share) / 2, abs=0.06)
+
+
+@pytest.mark.parametrize("progressive", [0.0, 0.5])
+def test_round_contains_every_image_once(progressive):
+    schedule = FrameSchedule(np.ones((5, 4), bool), iterations=100, progressive=progressive, seed=1)
+    for _ in range(3):
+        assert sorted(schedule.draw(99) for _ in range(20)) == [(f, c) for f in range(5) for c in range(4)]
+    orders = [[schedule.draw(99) for _ in range(20)] for _ in range(2)]
+    assert orders[0] != orders[1]
+
+
+def test_frame_with_larger_loss_is_drawn_more_often():
+    schedule = FrameSchedule(np.ones((6, 8), bool), iterations=100, progressive=0.0, seed=0)
+    for frame in range(6):
+        for camera in range(8):  # some cameras have larger errors in every frame
+            schedule.record_loss(frame, camera, (2.0 if frame == 4 else 1.0) * (1 + camera))
+    wanted = schedule.draws_per_round()
+    assert wanted.mean() == pytest.approx(1)
+    assert wanted[4] == pytest.approx(2 * wanted[0])
+    np.testing.assert_allclose(wanted[[0, 1, 2, 3, 5]], wanted[0])
+    drawn = np.bincount([schedule.draw(99)[0] for _ in range(48 * 40)], minlength=6)
+    assert drawn[4] == pytest.approx(2 * drawn[[0, 1, 2, 3, 5]].mean(), rel=0.1)
+
+
+def test_draws_per_round_are_limited():
+    schedule = FrameSchedule(np.ones((4, 1), bool), iterations=10, progressive=0.0, seed=0)
+    for frame, loss in enumerate((1e-9, 1.0, 1.0, 1e3)):
+        schedule.record_loss(frame, 0, loss)
+    wanted = schedule.draws_per_round()
+    assert wanted.max() / wanted.min() <= 6
+    assert {schedule.draw(0)[0] for _ in range(60)} == {0, 1, 2, 3}
+
+
+def test_frames_without_loss_have_mean_draws():
+    schedule = FrameSchedule(np.ones((3, 2), bool), iterations=10, progressive=0.0, seed=0)
+    schedule.record_loss(0, 0, 0.5)
+    np.testing.assert_allclose(schedule.draws_per_round(), 1)
+
+
+@pytest.mark.parametrize("progressive", [0.0, 0.5])
+def test_missing_images_are_never_drawn(progressive):
+    available = np.ones((4, 3), bool)
+    available[0, 1] = available[2, :2] = False
+    schedule = FrameSchedule(available, iterations=200, progressive=progressive, seed=0)
+    drawn = {schedule.draw(iteration) for iteration in range(200)}
+    assert drawn == {(frame, camera) for frame, camera in np.argwhere(available).tolist()}

@@ -9,14 +9,12 @@ from splatreel.base.progress import Silent
 from splatreel.kernels.image import render_image
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.init.layout import Layout
-from splatreel.method.train.average import AVERAGE_EVERY, Average
-from splatreel.method.train.cpu_keyframe import CpuKeyframeProgram
-from splatreel.method.train.keyframe_trainer import KeyframeTrainer, starting_points, with_gain
+from splatreel.method.train.cpu_program import CpuKeyframeProgram
+from splatreel.method.train.keyframe_trainer import AVERAGE_EVERY, Average, KeyframeTrainer, starting_points, with_gain
 from splatreel.method.train.render import View, deformed, draw
 from splatreel.method.train.terms.custom import Custom, Seen
-from splatreel.method.train.terms.depths import Depths
 from splatreel.method.train.terms.surfaces import spread
-from splatreel.method.train.terms.term import Iteration, Term
+from splatreel.method.train.terms.term import Depths, Iteration, Term
 from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.camera import Camera

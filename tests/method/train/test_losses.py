@@ -19,7 +19,7 @@ from splatreel.method.train import group_trainer as groups
 from splatreel.method.train import keyframe_trainer as keyframes
 from splatreel.method.train import losses as lists
 from splatreel.method.train import terms
-from splatreel.method.train.average import Average
+from splatreel.method.train.keyframe_trainer import Average
 from splatreel.method.train.losses import CHAPTER_KEYFRAME, GROUP, KEYFRAME, KEYFRAME_BEFORE_STATIC, Terms, weight_of
 from splatreel.method.train.terms.custom import Custom, Seen
 from splatreel.method.train.terms.photometric import Photometric

@@ -12,8 +12,8 @@ import pytest
 
 from splatreel.base.errors import GaussiansError, ReconstructionError
 from splatreel.base.progress import Silent
-from splatreel.kernels import similarity, splat
-from splatreel.kernels.similarity import Gradient
+from splatreel.kernels import photometric, splat
+from splatreel.kernels.photometric import Gradient
 from splatreel.method.train import recovery
 from splatreel.method.train.dynamic_points import CANONICAL_RATES
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
@@ -22,7 +22,7 @@ from splatreel.method.train.recovery import ATTEMPTS, Recovery
 from tests.method.train import test_group_trainer as groups
 from tests.method.train import test_keyframe_trainer as keyframes
 
-LOSS_AND_GRADIENT = similarity.loss_and_gradient
+LOSS_AND_GRADIENT = photometric.loss_and_gradient
 TOTAL = 120
 
 
@@ -47,7 +47,7 @@ def spoil(monkeypatch: pytest.MonkeyPatch, bad: Callable[[int], bool], value: fl
         found = LOSS_AND_GRADIENT(*args, **options)
         return replace(found, loss=found.loss * factor)
 
-    monkeypatch.setattr(similarity, "loss_and_gradient", spoiled)
+    monkeypatch.setattr(photometric, "loss_and_gradient", spoiled)
     monkeypatch.setattr(recovery, "KEEP_EVERY", 50)
 
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from splatreel.base.progress import Silent
 from splatreel.method.train.single_frame import reconstruct_single_frame
-from splatreel.run import checkpoint
 from splatreel.run.pipeline import reconstruct
+from splatreel.run.store import load_arrays, load_json, pack
 from tests.method.captures import WallCapture
 from tests.method.small import small
 from tests.notes import Notes
@@ -33,10 +33,10 @@ def test_single_frame_equals_first_keyframe_of_a_run(tmp_path: Path) -> None:
     capture, trace = WallCapture(1), Trace()
     gaussians, layout = reconstruct_single_frame(capture.cameras, images(capture, 0), CONFIG, progress=trace)
     work = reconstruct(capture, tmp_path, CONFIG, device="cpu").work
-    keyframe = checkpoint.load_arrays(work / "group0000" / "keyframe.safetensors")
-    for name, value in checkpoint.pack(gaussians).items():
+    keyframe = load_arrays(work / "group0000" / "keyframe.safetensors")
+    for name, value in pack(gaussians).items():
         np.testing.assert_array_equal(value, keyframe[name])
-    assert layout.to_dict() == checkpoint.load_json(work / "layout.json")
+    assert layout.to_dict() == load_json(work / "layout.json")
     assert trace.done == 40
 
 

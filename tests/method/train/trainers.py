@@ -20,8 +20,7 @@ from splatreel.method.train.losses import KEYFRAME, Terms
 from splatreel.method.train.render import View
 from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
-from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from tests.method.scenes import ring
 
 NEAR, UNIT, FRAMES = 0.1, 4.0, 5

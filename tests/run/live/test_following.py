@@ -12,9 +12,9 @@ from splatreel.base.progress import Silent, Span
 from splatreel.capture.follower import Follower, open_growing
 from splatreel.capture.growth import Growth
 from splatreel.capture.opening import open_capture
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.opus_sound import decode_sound
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.config import Config
 from splatreel.run.live.following import Live, reconstruct_following
 from splatreel.run.pipeline import reconstruct
@@ -151,7 +151,7 @@ def test_lateness_is_reported(tmp_path: Path, whole: dict[str, bytes]) -> None:
 
 def test_draft_lowers_iterations_until_caught_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        "splatreel.run.live.lateness.DRAFT", {"keyframe.refine_iterations": 4, "group.iterations_per_frame": 1}
+        "splatreel.run.live.following.DRAFT", {"keyframe.refine_iterations": 4, "group.iterations_per_frame": 1}
     )
     source = recorder(tmp_path / "show")
     source.write(9)

@@ -1,5 +1,7 @@
 """Jobs of a batch system, at the same time, in any order, and repeated."""
 
+from __future__ import annotations
+
 import json
 import multiprocessing
 import re
@@ -10,11 +12,11 @@ from typing import Any
 import pytest
 
 from splatreel.base import threads
-from splatreel.base.errors import ReconstructionError
+from splatreel.base.errors import ReconstructionError, UsageError
 from splatreel.base.progress import Silent
 from splatreel.config.settings import changed
 from splatreel.run.machines.batch import run_job
-from splatreel.run.machines.share import JobName, Share
+from splatreel.run.machines.share import JobName, Share, parse_share, share_of_task
 from splatreel.run.output.group_writer import no_presentation
 from splatreel.run.pipeline import RunSpec
 from tests.method.captures import WallCapture
@@ -85,3 +87,36 @@ def test_video_of_one_chapter_is_made_by_its_chapter(tmp_path: Path) -> None:
     made = content(tmp_path / "reel")
     assert job(short, "finish") == f"{tmp_path / 'reel'}: the reel is complete."
     assert content(tmp_path / "reel") == made
+
+
+def slurm(task: int, first: int, count: int, **more: str) -> dict[str, str]:
+    names = {"SLURM_ARRAY_TASK_ID": task, "SLURM_ARRAY_TASK_MIN": first, "SLURM_ARRAY_TASK_COUNT": count}
+    return {name: str(value) for name, value in names.items()} | more
+
+
+def test_shares_hold_every_chapter_once() -> None:
+    chapters = [chapter for index in range(4) for chapter in Share(index, 4).of(10)]
+    assert sorted(chapters) == list(range(10))
+    assert list(Share(3, 4).of(3)) == []
+    assert parse_share(" 2/8") == Share(2, 8)
+
+
+@pytest.mark.parametrize("text", ["", "8/8", "1", "-1/2", "1/0", "a/b", "1/2/3"])
+def test_invalid_shares_are_refused(text: str) -> None:
+    with pytest.raises(UsageError, match=r"is not a share of the chapters. Write I/N"):
+        parse_share(text)
+
+
+def test_task_of_a_slurm_array_finds_its_share() -> None:
+    assert share_of_task(slurm(0, 0, 8)) == Share(0, 8)
+    assert share_of_task(slurm(3, 1, 8)) == Share(2, 8)
+    assert share_of_task(slurm(9, 1, 3, SLURM_ARRAY_TASK_STEP="4")) == Share(2, 3)
+
+
+def test_chapter_job_outside_of_slurm_names_the_option() -> None:
+    with pytest.raises(UsageError, match="--chapter I/N, or start a Slurm array task, which sets SLURM_ARRAY"):
+        share_of_task({})
+    with pytest.raises(UsageError, match="SLURM_ARRAY_TASK_ID 2 is not one of 3 tasks from 1 in steps of 4"):
+        share_of_task(slurm(2, 1, 3, SLURM_ARRAY_TASK_STEP="4"))
+    with pytest.raises(UsageError, match="is not one of 3 tasks"):
+        share_of_task(slurm(7, 1, 3))

@@ -14,9 +14,9 @@ import pytest
 from splatreel.base import threads
 from splatreel.base.errors import ReconstructionError, UsageError
 from splatreel.base.progress import Silent
+from splatreel.run.estimate import Division
 from splatreel.run.machines import local_processes
 from splatreel.run.machines.local_processes import Worker, WorkerPool, division_of, places, reconstruct_here
-from splatreel.run.machines.scaling import Division
 from tests.method.captures import WallCapture
 from tests.method.small import small
 from tests.run.machines.runs import spec

@@ -16,8 +16,15 @@ from splatreel.cli.machine_options import MachineOptions
 from splatreel.cli.publish import publishing
 from splatreel.run.machines import ray_cluster
 from splatreel.run.machines.exchange import Exchange
-from splatreel.run.machines.ray_cluster import ClusterOptions, connected, reconstruct_on_cluster, wait_for_nodes
-from splatreel.run.machines.ray_nodes import ClusterPlan, Resources, share_nodes
+from splatreel.run.machines.ray_cluster import (
+    ClusterOptions,
+    ClusterPlan,
+    Resources,
+    connected,
+    reconstruct_on_cluster,
+    share_nodes,
+    wait_for_nodes,
+)
 from splatreel.run.output.group_writer import no_presentation
 from splatreel.run.pipeline import RunSpec
 from tests.buckets import CREDENTIALS, Bucket

@@ -7,16 +7,15 @@ import pytest
 
 from splatreel.base.errors import ReelError
 from splatreel.base.progress import Silent
-from splatreel.codec import layer_parts
+from splatreel.codec import encoder
 from splatreel.codec.header import ReelHeader
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.config import EncodeConfig
-from splatreel.method.encode import importance
+from splatreel.method.encode import compression
 from splatreel.run.output import group_writer
-from splatreel.run.output.group_writer import GroupWriter, open_writer
+from splatreel.run.output.group_writer import GroupWriter, Region, open_writer
 from splatreel.run.output.reencode import reencode
-from splatreel.run.output.region import Region
 from splatreel.run.store import Store, StoredGroup, StoredLayer
 from splatreel.scene.volumes import Sphere
 from tests.codec.reels import new_group, points
@@ -50,7 +49,7 @@ def no_images(monkeypatch: pytest.MonkeyPatch) -> None:
     def weigh(*_: object) -> None:
         raise AssertionError("the run has measured the importance already")
 
-    monkeypatch.setattr(importance, "weigh", weigh)
+    monkeypatch.setattr(compression, "weigh", weigh)
 
 
 @pytest.mark.parametrize("workers", [1, 3])
@@ -76,7 +75,7 @@ def test_continued_reel_equals_an_uninterrupted_one(
 ) -> None:
     """The alive flags of later groups follow the points of the layers that the reel holds already."""
     if kind == "parts":
-        monkeypatch.setattr(layer_parts, "FIRST", 8)
+        monkeypatch.setattr(encoder, "FIRST", 8)
     else:
         half = Region(Sphere(np.array([0.2, 0.0, 0.0]), 1.0))
         monkeypatch.setattr(group_writer, "region_of", lambda *_: half)

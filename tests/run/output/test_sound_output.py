@@ -9,8 +9,8 @@ import pytest
 from splatreel.base.errors import CaptureError, ReconstructionError
 from splatreel.base.progress import Silent
 from splatreel.capture.capture_sound import Track
+from splatreel.codec.inspection import verify_reel
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verification import verify_reel
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from splatreel.play.timeline import open_reel

@@ -18,7 +18,7 @@ from splatreel.base.errors import ReelError
 from splatreel.base.jit import EXACT
 
 MAX_VALUE = (1 << 52) - 1
-TOKENS = 128
+_TOKENS = 128
 _SCALE_BITS = 12
 _SCALE = 1 << _SCALE_BITS
 _LOW = 1 << 16
@@ -37,8 +37,8 @@ def entropy_encode(values: np.ndarray, contexts: np.ndarray, count: int) -> byte
     """Encode values [n], 0 to 2^52 - 1, with contexts [n], 0 to count - 1 (at most 255)."""
     values, contexts = np.asarray(values, np.int64), np.asarray(contexts, np.int64)
     tokens, lengths = _tokens(values)
-    counts = np.bincount(contexts * TOKENS + tokens, minlength=count * TOKENS)
-    frequencies = np.stack([_normalized(row) for row in counts.reshape(count, TOKENS)])
+    counts = np.bincount(contexts * _TOKENS + tokens, minlength=count * _TOKENS)
+    frequencies = np.stack([_normalized(row) for row in counts.reshape(count, _TOKENS)])
     starts = np.cumsum(frequencies, 1) - frequencies
     shift = _LANES if len(values) >= 1000 else 0
     states = np.full(1 << shift, _LOW, np.int64)
@@ -175,7 +175,7 @@ def _packed_tables(frequencies: np.ndarray) -> bytes:
 def _write_tables(frequencies, bits):
     at = 0
     for row in frequencies:
-        used = TOKENS
+        used = _TOKENS
         while used > 0 and row[used - 1] == 0:
             used -= 1
         at, before = _write_gamma(used + 1, bits, at), 0
@@ -228,7 +228,7 @@ def _read_tables(bits, result):
         for token in range(used - 1):
             change, at = _read_gamma(bits, at)
             length = before + (change - 1 >> 1 ^ -(change - 1 & 1))
-            if at < 0 or token >= TOKENS or not 0 <= length <= _SCALE_BITS + 1 or at + length > len(bits) + 1:
+            if at < 0 or token >= _TOKENS or not 0 <= length <= _SCALE_BITS + 1 or at + length > len(bits) + 1:
                 return -1
             before, frequency = length, 1 << length >> 1
             for bit in range(length - 1):

@@ -12,15 +12,14 @@ from numba import njit
 
 from splatreel.base.errors import ReelError
 from splatreel.base.jit import EXACT
+from splatreel.codec.container import Section
 from splatreel.codec.predictive.entropy import Stream, entropy_encode, unzigzag, zigzag
-from splatreel.codec.predictive.lod_prediction import decode_lod, encode_lod, ends_of
+from splatreel.codec.predictive.lod_prediction import Predictor, decode_lod, encode_lod, ends_of
 from splatreel.codec.predictive.precision import Basis
-from splatreel.codec.predictive.predictor import Predictor
 from splatreel.codec.quantize import Parameters, integer, number
-from splatreel.codec.section import Section
 
 _MAX_SHIFT = 20
-MOST_NUMBERS = 1 << 20
+_MOST_NUMBERS = 1 << 20
 """Maximum size of a basis. A basis of zeros takes no bytes, however large it claims to be."""
 _BLOCK = 32
 """Points whose sums stay in the cache before they are written frame by frame."""
@@ -31,11 +30,11 @@ _SPARE = 8
 def analyze(samples: np.ndarray, step: float) -> tuple[np.ndarray, list[int]]:
     """Return the basis [D, K] int64 of samples [M, D] and shifts [K]; column k has units of 2^-shifts[k].
 
-    Directions with a spread below a twentieth of a step are dropped. K is at least 1, and K D at most `MOST_NUMBERS`.
+    Directions with a spread below a twentieth of a step are dropped. K is at least 1, and K D at most `_MOST_NUMBERS`.
     """
     spread, basis = np.linalg.eigh(_products(np.ascontiguousarray(samples)) / max(len(samples), 1))
     spread, basis = np.sqrt(np.maximum(spread[::-1], 0)), basis[:, ::-1]
-    count = min(max(int((spread > step / 20).sum()), 1), MOST_NUMBERS // len(spread))
+    count = min(max(int((spread > step / 20).sum()), 1), _MOST_NUMBERS // len(spread))
     shifts = np.clip(np.ceil(np.log2(np.maximum(spread[:count] * _SPARE / step, 1))), 4, _MAX_SHIFT).astype(np.int64)
     return np.rint(basis[:, :count] * 2.0**shifts).astype(np.int64), shifts.tolist()
 
@@ -112,8 +111,8 @@ def decode_basis(data: bytes, parameters: Parameters, name: str, dimensions: int
     shifts = parameters.get(name)
     if not isinstance(shifts, list) or not 1 <= len(shifts) <= dimensions:
         raise ReelError(f"has {name} that are not 1 to {dimensions} numbers.")
-    if len(shifts) * dimensions > MOST_NUMBERS:
-        raise ReelError(f"has {name} for a basis of {len(shifts)} x {dimensions} numbers, more than {MOST_NUMBERS}.")
+    if len(shifts) * dimensions > _MOST_NUMBERS:
+        raise ReelError(f"has {name} for a basis of {len(shifts)} x {dimensions} numbers, more than {_MOST_NUMBERS}.")
     shifts = [integer({name: shift}, name, 0, _MAX_SHIFT) for shift in shifts]
     stream = Stream(data, 1)
     basis = unzigzag(stream.read(len(shifts) * dimensions))
@@ -132,12 +131,12 @@ def expand(found: np.ndarray, ends: np.ndarray, basis: np.ndarray, columns: np.n
         channels: Number of channels C.
     """
     result = np.empty((len(basis), len(found), channels), np.float32)
-    vectors = vectors_of(columns)
+    vectors = _vectors_of(columns)
     _expand(found, ends, np.ascontiguousarray(basis.T), columns.astype(np.int64), vectors, result)
     return result
 
 
-def vectors_of(columns: np.ndarray) -> np.ndarray:
+def _vectors_of(columns: np.ndarray) -> np.ndarray:
     """Return the vector of the basis that each column belongs to, [L] int64, by the channels [L] of the columns."""
     return np.array([(columns[:place] == channel).sum() for place, channel in enumerate(columns)], np.int64)
 
@@ -189,7 +188,7 @@ def encode_klt(
     found = coefficients(samples, basis, shifts).reshape(count, channels, -1).transpose(0, 2, 1) / step
     order, classes = columns_of(found), predictor.classes[:, kind]
     if known is not None and known.columns is not None:
-        order = vectors_of(known.columns) * channels + known.columns
+        order = _vectors_of(known.columns) * channels + known.columns
     wanted = found.reshape(count, -1)[:, order]
     ends = ends_of(wanted, classes) if known is None or known.ends is None else known.ends
     order = order[: max(int(ends.max()), 1)]

@@ -14,7 +14,9 @@ from numba import njit
 
 from splatreel.base.errors import ReelError
 from splatreel.base.jit import EXACT
+from splatreel.codec.container import Section, Sections, named, section_of
 from splatreel.codec.predictive.entropy import Stream, entropy_encode, take, zigzag
+from splatreel.codec.quantize import number
 
 FIRST_LEVEL = 64
 """The coarsest level has between this many points and twice as many. Its prediction is zero."""
@@ -28,7 +30,7 @@ DEAD_ZONE = 0.4
 """A residual is rounded up from 1 - DEAD_ZONE on, because zeros are cheap."""
 MAX_CLASS = 7
 _EDGES = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 512])
-CONTEXTS = len(_EDGES) + 1
+_CONTEXTS = len(_EDGES) + 1
 """Number of classes of the expected size of a residual, in eighths of a step."""
 _LARGEST = 4095
 """Upper bound of the size of a residual, in eighths of a step."""
@@ -135,14 +137,14 @@ def encode_lod(
     )
     if used < 0:
         raise ReelError("Values are too many steps from zero to be encoded. Use a coarser step.")
-    return entropy_encode(zigzag(residuals[:used]), contexts[:used], CONTEXTS), found
+    return entropy_encode(zigzag(residuals[:used]), contexts[:used], _CONTEXTS), found
 
 
 def decode_lod(
     data: bytes, shape: tuple[int, int], levels: Levels, classes: np.ndarray, ends: np.ndarray | None = None
 ) -> np.ndarray:
     """Decode the integers [N, C] int32 of `encode_lod`. Raise `ReelError` if the data is damaged."""
-    stream = Stream(data, CONTEXTS)
+    stream = Stream(data, _CONTEXTS)
     ends = _all(shape) if ends is None else ends
     found, sizes = _empty(shape)
     if not _predict_and_read(
@@ -230,3 +232,35 @@ def _predict_and_read(order, neighbors, weights, classes, ends, found, sizes, lo
         if cursor[1] > len(words):
             return False
     return True
+
+
+@dataclass(frozen=True)
+class Predictor:
+    """Encoder and decoder of predicted values of points.
+
+    Attributes:
+        levels: Levels of the points.
+        classes: Classes of shape, color and motion, [N, 3] int64, see `precision.classes_of`.
+    """
+
+    levels: Levels
+    classes: np.ndarray
+
+    def encode(self, kind: int, values: np.ndarray, step: float) -> Section:
+        """Encode values [N, C] as a section."""
+        data, _ = encode_lod(values / step, self.levels, self.classes[:, kind])
+        return Section(data, {"codec": "field", "step": step})
+
+    def decode(self, kind: int, sections: Sections, name: str, columns: int) -> np.ndarray:
+        """Decode values [N, C] float64. Raise `ReelError` if the section is damaged."""
+        section = section_of(sections, name, "field")
+        step = named(name, number, section.parameters, "step", 1e-30, 1e30)
+        shape = len(self.classes), columns
+        return named(name, decode_lod, section.data, shape, self.levels, self.classes[:, kind]) * step
+
+    @classmethod
+    def in_file_order(cls, count: int) -> Predictor:
+        """Return the predictor for points in the paper's coding: each is predicted from its neighbors in the file, all of class 0."""
+        positions = np.zeros((count, 3), np.int64)
+        positions[:, 0] = np.arange(count)
+        return cls(levels_of(positions), np.zeros((count, 3), np.int64))

@@ -39,7 +39,7 @@ class Steps:
 
 
 STEPS = Steps()
-IMPORTANCE_EXPONENT = np.array([1.0, 1.0, 0.85])
+_IMPORTANCE_EXPONENT = np.array([1.0, 1.0, 0.85])
 """Exponents for shape, color and motion: steps grow with this power of falling importance. An exponent below 1 for motion improved
 held-out views.
 """
@@ -59,7 +59,7 @@ def classes_of(importance: np.ndarray | None, count: int, coarseness: float = 1.
         return np.zeros((count, 3), np.int64)
     top = np.maximum(np.quantile(importance, 0.9, axis=0), 1e-30)
     octaves = np.log2(top / np.maximum(importance, top * 1e-6))
-    return np.clip(np.rint(octaves * IMPORTANCE_EXPONENT), 0, coarsest_class(coarseness)).astype(np.int64)
+    return np.clip(np.rint(octaves * _IMPORTANCE_EXPONENT), 0, coarsest_class(coarseness)).astype(np.int64)
 
 
 @dataclass(frozen=True)

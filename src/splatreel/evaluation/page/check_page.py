@@ -16,19 +16,19 @@ from splatreel.evaluation.page.rig_plan import RigPlan, rig_drawings
 from splatreel.method.init.layout import upright
 from splatreel.method.prediction.quality import Coverage
 
-THUMBNAIL = 320
+_THUMBNAIL = 320
 """Longer side of a camera's image, in pixels."""
-BRIGHTNESS = 0.25
+_BRIGHTNESS = 0.25
 """Smallest difference from the median brightness of all cameras, as a share, for which a camera is named."""
 MANY, FAINTEST = 100, 0.06
 """Number of points in common at which a line is fully visible, and the opacity of the faintest line."""
-LINES = 2
+_LINES = 2
 """Number of lines from a camera, to those with the most points in common. Lines of all pairs would be a tangle."""
-WEAKEST = 3
+_WEAKEST = 3
 """Number of cameras that are named as those with the fewest points in common."""
 DIMMED = 0.2
 """Brightness of the surroundings of a masked subject, as a share."""
-PARTNERS = 3
+_PARTNERS = 3
 """Number of cameras that a row names as those with the most points in common."""
 
 
@@ -37,7 +37,6 @@ class CheckFacts:
     """Facts of a check.
 
     Attributes:
-        capture: The capture.
         images: Images of all cameras at one moment, uint8 [C, H, W, 3], in the order of `capture.cameras`.
         sentences: Notes and doubts that were printed.
         verdict: Closing lines that were printed.
@@ -92,7 +91,7 @@ def _links(facts: CheckFacts) -> list[tuple[int, int, float]]:
     best = {
         (min(camera, other), max(camera, other)): count
         for camera in range(len(numbers))
-        for other, count in _partners(facts.coverage, camera)[:LINES]
+        for other, count in _partners(facts.coverage, camera)[:_LINES]
     }
     return [(numbers[a], numbers[b], max(min(count / MANY, 1.0), FAINTEST)) for (a, b), count in best.items()]
 
@@ -103,15 +102,15 @@ def _partners(coverage: Coverage, camera: int) -> list[tuple[int, int]]:
         return []
     counts = np.array(coverage.pairs[camera])
     counts[camera] = 0
-    best = np.argsort(-counts, kind="stable")[:PARTNERS]
+    best = np.argsort(-counts, kind="stable")[:_PARTNERS]
     return [(int(other), int(counts[other])) for other in best if counts[other]]
 
 
 def _weakest(coverage: Coverage | None) -> list[str]:
     """Return a sentence that names the cameras with the fewest points in common with others."""
-    if coverage is None or len(coverage.names) <= WEAKEST:
+    if coverage is None or len(coverage.names) <= _WEAKEST:
         return []
-    order = np.argsort(coverage.shared, kind="stable")[:WEAKEST]
+    order = np.argsort(coverage.shared, kind="stable")[:_WEAKEST]
     named = ", ".join(f"{coverage.names[c]} ({coverage.shared[c]:,})" for c in order)
     return [f"the cameras with the fewest points in common with others: {named}"]
 
@@ -145,11 +144,11 @@ def _uneven_exposures(facts: CheckFacts, levels: np.ndarray) -> list[str]:
     named = [
         camera.name
         for camera, level in zip(facts.capture.cameras, levels, strict=True)
-        if abs(level / typical - 1) > BRIGHTNESS
+        if abs(level / typical - 1) > _BRIGHTNESS
     ]
     if not named:
         return []
-    return [f"brighter or darker than most cameras by {BRIGHTNESS:.0%} or more: {', '.join(named)}"]
+    return [f"brighter or darker than most cameras by {_BRIGHTNESS:.0%} or more: {', '.join(named)}"]
 
 
 def _table(facts: CheckFacts, levels: np.ndarray) -> str:
@@ -180,7 +179,7 @@ def _mask_sheet(facts: CheckFacts) -> str:
 
 
 def _figure(image: Image.Image, name: str, kind: str, caption: str) -> str:
-    url = jpeg_url(image, THUMBNAIL)
+    url = jpeg_url(image, _THUMBNAIL)
     return (
         f'<figure><img src="{url}" alt="{kind} of {escape(name)}"><figcaption>{escape(caption)}</figcaption></figure>'
     )

@@ -14,7 +14,7 @@ SIDE = 360
 MARGIN = 40
 DOTS = 400
 """Maximum number of points of the scene in a drawing."""
-ARROW = 16
+_ARROW = 16
 """Length of a camera's arrow in pixels."""
 NAMED = 60
 """Number of cameras up to which a drawing has names. A name that would cover another one or a camera is left out."""
@@ -88,7 +88,7 @@ class RigPlan:
         taken = [(x - 5, y - 5, x + 5, y + 5) for x, y in ends]
         for camera, (x, y), (dx, dy) in zip(everything, ends, forward.tolist(), strict=True):
             kind = "held" if camera in self.held_out else "train"
-            arrow = f"M{x} {y}l{round(ARROW * dx, 1)} {round(-ARROW * dy, 1)}"
+            arrow = f"M{x} {y}l{round(_ARROW * dx, 1)} {round(-_ARROW * dy, 1)}"
             mark = (
                 f'<rect x="{x - 4}" y="{y - 4}" width="8" height="8"/>'
                 if kind == "held"

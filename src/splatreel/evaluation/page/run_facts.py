@@ -16,11 +16,11 @@ from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.config import preset
 from splatreel.config.presets import Quality
-from splatreel.config.records import complete_settings
+from splatreel.config.settings import complete_settings
 from splatreel.evaluation.reel_capture import work_of
 from splatreel.evaluation.report import Report
-from splatreel.run.run_history import RunHistory, read_history
-from splatreel.run.run_record import FILE, differences
+from splatreel.run.run_folder import FILE, differences
+from splatreel.run.run_logs import RunHistory, read_history
 from splatreel.run.store import Store
 from splatreel.scene.camera import Camera
 
@@ -32,8 +32,6 @@ class GroupFacts:
     """Numbers of one group.
 
     Attributes:
-        index: Number of the group.
-        first: First frame.
         end: Frame after the last.
         static: Static points of the layers that live at it.
         born: Static points that were born at it.
@@ -89,7 +87,6 @@ class RunFacts:
 
     Attributes:
         reel: Location of the reel.
-        manifest: Manifest of the reel.
         points: Some static points of the first group, [N, 3].
         report: Report of the evaluation; None before it.
         images: Folder of the images.

@@ -1,4 +1,4 @@
-// Shared by all kernels: what varies from draw to draw, and how threads are numbered. `uniforms.py` writes the same layout.
+// Shared by all kernels: what varies from draw to draw, and how threads are numbered. `drawing.py` writes the same layout.
 struct Draw {
     row0: vec4f, row1: vec4f, row2: vec4f,  // world to camera
     lens: vec4f,                            // fx, fy, cx, cy

@@ -1,5 +1,5 @@
 // use: common, target
-// Gradient of the losses of surfaces to the blended powers of log depth and to alpha (recon/train/regularizers.py).
+// Gradient of the losses of surfaces to the blended powers of log depth and to alpha (method/train/terms/surfaces.py).
 @group(0) @binding(0) var<uniform> draw: Draw;
 @group(0) @binding(1) var<storage, read> image: array<vec4f>;
 @group(0) @binding(2) var<storage, read> targets: array<u32>;

@@ -1,4 +1,4 @@
-// The window of SSIM, and which tiles are compared: blocks of five tiles side by side, as on the CPU (kernels/similarity.py), so
+// The window of SSIM, and which tiles are compared: blocks of five tiles side by side, as on the CPU (kernels/photometric.py), so
 // that the loss is the same.
 const WINDOW = array<f32, 11>(0.00102838012, 0.00759875821, 0.0360007733, 0.109360687, 0.213005543, 0.266011715,
                               0.213005543, 0.109360687, 0.0360007733, 0.00759875821, 0.00102838012);

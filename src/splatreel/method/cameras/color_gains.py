@@ -11,21 +11,13 @@ from splatreel.method.deform.knot_adam import Adam, Restore
 
 
 class CameraGains:
-    """One gain for each camera and color channel. The mean over the cameras stays one, so that a camera that was never seen needs none.
+    """One gain for each camera and color channel, learned if `enabled`.
 
-    Real cameras differ by several percent. Without gains the scene averages them, and every view is wrong.
-
-    Args:
-        cameras: Number of cameras.
-        enabled: False keeps all gains at one.
-        rate: Learning rate.
-
-    Attributes:
-        adam: Optimizer of the gains.
+    The mean over the cameras stays one, so that a camera that was never seen needs none. Real cameras differ by several
+    percent. Without gains the scene averages them, and every view is wrong.
     """
 
     def __init__(self, cameras: int, enabled: bool = True, rate: float = 2e-3) -> None:
-        """Start with gains of one."""
         self.enabled = enabled
         self.adam = Adam(np.ones((cameras, 3), np.float32), rate, eps=1e-8)
 

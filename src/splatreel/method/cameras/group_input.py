@@ -27,18 +27,12 @@ class GroupInput:
     """Images of a group, the cameras that took them, and the measures of the scene.
 
     Attributes:
-        span: Frames of the video that these are, the overlap with the next group included.
         images: Images [T, C, H, W, 3] uint8, the keyframe first. Changes of exposures and light are removed from them.
-        rig: Cameras as they are known so far.
         light: Factors [T, 3] float32 as in `Group.light`; None where the light does not change.
-        layout: Near plane, viewing distance, clearance and background of the scene.
-        seed: Seed of the run.
-        antialias: True if splats are drawn antialiased (see `render_image`).
         missing: [T, C] bool, images that the cameras lack and that images of nearby frames stand in for; None if all exist.
             They are not trained on.
         plates: Images [C, H, W, 3] uint8 of the scene that all chapters share, which the exposures of a chapter are measured
             against; None outside of chapters.
-        gpu: GPU that runs iterations of training; None runs them on the CPU.
         alpha: [T, C, H, W] uint8, opacity of a subject before few cameras; None for all others.
     """
 

@@ -17,12 +17,7 @@ OUT_OF_STEP = 0.1
 
 @dataclass(frozen=True)
 class Poses:
-    """Poses of the cameras in a group.
-
-    Attributes:
-        viewmats: World-to-camera matrices [C, 4, 4].
-        kept: Indices [C] among the cameras before, where some cameras were left out.
-    """
+    """World-to-camera matrices [C, 4, 4] of a group, and the numbers `kept` [C] of its cameras, where some were left out."""
 
     viewmats: np.ndarray
     kept: np.ndarray | None = None
@@ -33,7 +28,6 @@ class Rig:
     """The training cameras as they are known so far. A stage that learns more makes a new rig.
 
     Attributes:
-        cameras: Cameras [C] at their poses.
         gains: Color gains [C, 3] float32 with a mean of 1.
         exposure: Logarithms [C, 3] float32 of the exposures at the keyframe, relative to the capture's first frame.
         light: Logarithm [3] of the light at the keyframe, relative to the capture's first frame.
@@ -87,11 +81,7 @@ class Rig:
 def check_first_poses(rig: Rig, frames: np.ndarray, origin: str, progress: Progress) -> Poses:
     """Check the poses at the start of a capture: correct wrong ones, and leave out cameras that show something else.
 
-    Args:
-        rig: The training cameras.
-        frames: Images [2, C, H, W, 3] uint8 of two moments of the first group.
-        origin: File that the poses come from, for messages.
-        progress: Receives a note about each finding.
+    `frames` [2, C, H, W, 3] are of two moments. `origin` names the file of the poses.
 
     Raises:
         ReconstructionError: The poses are not world to camera.
@@ -106,13 +96,7 @@ def check_first_poses(rig: Rig, frames: np.ndarray, origin: str, progress: Progr
 
 
 def check_later_poses(rig: Rig, frames: np.ndarray, progress: Progress) -> Poses:
-    """Check the poses in a later group: correct those of cameras that were moved.
-
-    Args:
-        rig: The training cameras.
-        frames: Images [2, C, H, W, 3] uint8 of two moments of the group.
-        progress: Receives a note about each finding.
-    """
+    """Check the poses in a later group: correct those of cameras that were moved."""
     found = inspect_poses(rig.cameras, frames)
     _report_repairs(rig, found, progress)
     for number in found.strangers:
@@ -121,13 +105,7 @@ def check_later_poses(rig: Rig, frames: np.ndarray, progress: Progress) -> Poses
 
 
 def report_offsets(rig: Rig, learned: LearnedOffsets, progress: Progress) -> None:
-    """Report the camera that is most out of step, if the images tell.
-
-    Args:
-        rig: The cameras, with the learned offsets.
-        learned: The learned offsets.
-        progress: Receives the note.
-    """
+    """Report the camera that is most out of step, if the images tell."""
     late, off = np.abs(learned.values), learned.uncertainty(list(rig.ends))
     told = late > np.maximum(CERTAIN * off, OUT_OF_STEP)
     if told.any():

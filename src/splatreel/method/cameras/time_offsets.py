@@ -24,12 +24,7 @@ FADES = (0.8, 0.95)
 
 @dataclass(frozen=True)
 class LearnedOffsets:
-    """Time offsets that a group learned.
-
-    Attributes:
-        values: Frames [C] by which each camera is late.
-        moved: RMS change in frames in the second half of training.
-    """
+    """Frames [C] by which each camera is late, and the RMS change of each (`moved`) in the second half of training."""
 
     values: np.ndarray
     moved: float
@@ -37,11 +32,9 @@ class LearnedOffsets:
     def uncertainty(self, ends: list[np.ndarray]) -> np.ndarray:
         """Return the uncertainty [C] of each offset in frames.
 
-        An offset that the images do not determine goes on a random walk, another one in each group. The uncertainty is therefore
-        estimated from the changes in the second half of training, and from group to group.
-
-        Args:
-            ends: Offsets [C] at the end of each group so far, this group last.
+        An offset that the images do not determine goes on a random walk, another one in each group. The uncertainty is
+        therefore estimated from the changes in the second half of training, and from group to group. `ends` are the
+        offsets [C] at the end of each group so far, this group last.
         """
         moved = self.moved / LATER
         changes = np.square(np.diff(np.stack(ends), axis=0))
@@ -56,14 +49,9 @@ class TimeOffsets:
     Phones that are started by the same clap are up to half a frame apart, and fast things are elsewhere in every view. An image is
     compared with the model at the time when it was taken. The gradient by this time is the gradient by the motion offsets, times
     their velocity. Steps are those of Adam.
-
-    Args:
-        cameras: Number of cameras.
-        enabled: False keeps all offsets at zero.
     """
 
     def __init__(self, cameras: int, enabled: bool = True) -> None:
-        """Start with offsets of zero."""
         self.enabled = enabled
         self.load(np.zeros(cameras))
 
@@ -88,13 +76,7 @@ class TimeOffsets:
         return len(self.values) - len(self._pending)
 
     def note(self, camera: int, slope: float, share: float) -> None:
-        """Collect a slope. A step follows when there are as many slopes as cameras.
-
-        Args:
-            camera: Index of the camera.
-            slope: Gradient of the loss by the camera's time.
-            share: Share of the training that is done, 0..1.
-        """
+        """Collect a slope. A step follows when there are as many slopes as cameras. `share` of the training is done."""
         self._pending.append((camera, slope))
         if len(self._pending) == len(self.values):
             cameras, slopes = zip(*self._pending, strict=True)
@@ -138,14 +120,6 @@ def neighborhood(moment: float, frames: int) -> tuple[float, float]:
 
 
 def slope(model: Deformation, means: np.ndarray, moment: float, frames: int, slopes: Sequence[Slope]) -> float:
-    """Return the gradient of the loss by a camera's time, per frame.
-
-    Args:
-        model: Deformation of the points.
-        means: Points [N, 3] at the keyframe.
-        moment: Time in frames of the group.
-        frames: Number of frames of the group, at least two.
-        slopes: Gradient of the loss at the moment, see `Deformation.gradient`.
-    """
+    """Return the gradient of the loss by a camera's time, per frame. `slopes`: gradient at the moment, see `Deformation.gradient`."""
     before, after = neighborhood(moment, frames)
     return model.change(means, (before, after), slopes) / (after - before)

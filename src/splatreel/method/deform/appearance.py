@@ -30,14 +30,7 @@ class Appearance:
     """Change of color and opacity of N points over the frames of a group."""
 
     def __init__(self, frames: int, count: int, start: np.ndarray | None = None, cuts: Iterable[int] = ()) -> None:
-        """Create splines.
-
-        Args:
-            frames: Number of frames, T.
-            count: Number of points, N.
-            start: [T, N, 3] initial change of c_base at every frame; None means no change.
-            cuts: Result of `detect_cuts`.
-        """
+        """Create splines. `start` [T, N, 3]: initial change of c_base; None means none. `cuts`: see `detect_cuts`."""
         bends = {frame for cut in cuts for frame in (cut - 1, cut)}
         self.spline = Spline(frames, bends, FRAMES_PER_KNOT)
         controls = np.zeros((self.spline.knots, count, 4), np.float32)
@@ -68,14 +61,9 @@ class Appearance:
         return self.controls[..., 3].max(0) * RATES[3]
 
     def steps(self, time: float, shade: np.ndarray, d_shade: np.ndarray, share: float, pace: float) -> list[adam.Step]:
-        """Return the optimizer steps that follow a gradient. Changes also pay `LAMBDA` times their mean absolute value.
+        """Return the optimizer steps for a gradient d_shade [N, 4], which is changed, to `shade` [N, 4], the result of `at(time)`.
 
-        Args:
-            time: Time of the gradient, in frames of the group.
-            shade: [N, 4], the result of `at`.
-            d_shade: [N, 4], gradient to it. It is changed.
-            share: Share of training that is over, 0..1.
-            pace: Factor for the learning rates.
+        Changes also pay `LAMBDA` times their mean absolute value.
         """
         adam.add_signs(shade, LAMBDA / np.float32(max(shade.size, 1)), d_shade)
         d_shade *= RATES
@@ -88,11 +76,7 @@ class Appearance:
         return self.adam.snapshot()
 
     def check(self) -> None:
-        """Check all values.
-
-        Raises:
-            GaussiansError: If a value is NaN or infinite.
-        """
+        """Raise a `GaussiansError` if a value is NaN or infinite."""
         splat.check_finite(shade=self.controls)
 
     def keep(self, index: np.ndarray) -> None:

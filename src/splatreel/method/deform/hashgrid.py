@@ -62,16 +62,7 @@ class HashGrid:
         tracks: np.ndarray | None = None,
         fixed: np.ndarray | None = None,
     ) -> None:
-        """Create a model.
-
-        Args:
-            means: [N, 3] canonical positions.
-            frames: Number of frames, T.
-            unit: Typical viewing distance, world units. The network's output is in a tenth of it.
-            seed: Seed of the initial values.
-            tracks: [T, N, 3] initial positions; None is at rest.
-            fixed: [N] bool, points that never move; None for none.
-        """
+        """Create a model, see `make_deformation`. The network's output is in a tenth of `unit`."""
         self.moves = movable(means, fixed)
         paths = None if tracks is None else tracks - means
         self.spline = Spline(frames) if paths is None else Spline.along(paths)
@@ -172,7 +163,6 @@ class HashGrid:
         return self.GRID_RATE if name.startswith("grid") else self.NETWORK_RATE
 
     def _start(self, rng: np.random.Generator) -> dict[str, np.ndarray]:
-        """Return the initial parameters."""
         shape = (self.LEVELS, 2**self.LOG2_ENTRIES, self.FEATURES)
         start = {f"grid{k}": rng.uniform(-1e-4, 1e-4, shape) for k in range(len(AXES))}
         features = self.LEVELS * self.FEATURES

@@ -23,19 +23,9 @@ moment."""
 
 
 class Adam:
-    """Adam optimizer of one array.
-
-    Attributes:
-        parameter: Array [R, ...] float32 that is trained.
-        mean: First moment of its gradient.
-        square: Second moment of its gradient.
-        rate: Learning rate.
-        eps: Least root of the second moment.
-        steps: Number of steps taken.
-    """
+    """Adam optimizer of one array `parameter` [R, ...] float32, with the moments `mean` and `square` of its gradient."""
 
     def __init__(self, parameter: np.ndarray, rate: float, eps: float) -> None:
-        """Copy an array and start its moments at zero."""
         self.rate = rate
         self.eps = eps
         mean, square = (np.zeros_like(parameter, np.float32) for _ in range(2))
@@ -107,11 +97,9 @@ class KnotAdam(Adam):
         super().rewrite(of_parameter, of_moment)
 
     def at(self, moments: Sequence[Moment], end: int | None = None) -> kernel.Step | None:
-        """Return the step for the gradients [rows, D] of some moments; None without moments.
+        """Return the step for gradients [rows, D] of some moments, with their knots; None without any.
 
-        Args:
-            moments: Gradients and the knots they belong to.
-            end: First knot that is not changed; None changes all.
+        Knots from `end` on do not change.
         """
         if not moments:
             return None

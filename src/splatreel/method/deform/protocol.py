@@ -33,43 +33,30 @@ class Deformation(Protocol):
         ...
 
     def offsets(self, means: np.ndarray, frame: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return offsets for canonical means [N, 3].
-
-        Returns:
-            dx [N, 3] in world units, and dq [N, 4], wxyz about (1, 0, 0, 0), not normalized.
-        """
+        """Return dx [N, 3], world units, and dq [N, 4], wxyz about (1, 0, 0, 0), not normalized, for canonical means [N, 3]."""
         ...
 
     def gradient(
         self, means: np.ndarray, moments: Sequence[tuple[float, float]], d_dx: np.ndarray, d_dq: np.ndarray
     ) -> list[Slope]:
-        """Return the gradient of a loss to the model.
+        """Return the gradient of a loss to the model. The canonical means [N, 3] get none.
 
-        Args:
-            means: [N, 3] canonical positions, which get no gradient.
-            moments: Factors and times. The gradient to the offsets at each time is that factor times d_dx and d_dq.
-            d_dx: [N, 3].
-            d_dq: [N, 4].
+        `moments` are factors and times: the gradient to the offsets at each time is that factor times d_dx [N, 3] and
+        d_dq [N, 4].
         """
         ...
 
     def change(self, means: np.ndarray, span: tuple[float, float], slopes: Sequence[Slope]) -> float:
         """Return the change of a loss over a span of time, to first order.
 
-        Args:
-            means: [N, 3] canonical positions.
-            span: First and last frame of the span.
-            slopes: Gradient of the loss at one moment, with a factor of 1.
+        `slopes` are its gradient at one moment, with a factor of 1.
         """
         ...
 
     def steps(self, slopes: Sequence[Slope], share: float, pace: float) -> list[Step]:
-        """Return the optimizer steps that follow a sum of gradients.
+        """Return the optimizer steps that follow a sum of results of `gradient`.
 
-        Args:
-            slopes: Results of `gradient`.
-            share: Share of training that is over, 0..1.
-            pace: Factor for the learning rates.
+        `share` of training is over; `pace` scales the rates.
         """
         ...
 
@@ -78,11 +65,7 @@ class Deformation(Protocol):
         ...
 
     def check(self) -> None:
-        """Check all values.
-
-        Raises:
-            GaussiansError: If a value is NaN or infinite.
-        """
+        """Raise a `GaussiansError` if a value is NaN or infinite."""
         ...
 
     def keep(self, index: np.ndarray) -> None:
@@ -90,12 +73,7 @@ class Deformation(Protocol):
         ...
 
     def append(self, means: np.ndarray, parents: np.ndarray | None) -> None:
-        """Add points.
-
-        Args:
-            means: [M, 3] canonical positions.
-            parents: [M] rows that the points copy; None for new points at rest.
-        """
+        """Add points at canonical means [M, 3]: copies of the rows `parents` [M], or at rest without them."""
         ...
 
 

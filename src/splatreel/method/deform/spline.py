@@ -31,10 +31,7 @@ class Spline:
     def __init__(self, frames: int, bends: Iterable[int] = (), frames_per_knot: float = FRAMES_PER_KNOT) -> None:
         """Place the knots.
 
-        Args:
-            frames: Number of frames.
-            bends: Frames with sharp turns. They and their neighbors get a knot each, since a bounce happens within one frame.
-            frames_per_knot: Even spacing of the other knots.
+        Frames with sharp turns (`bends`) and their neighbors get one each, since a bounce happens within one frame.
         """
         self.frames = frames
         self.last = max(frames - 1, 1)
@@ -49,9 +46,8 @@ class Spline:
     def along(cls, paths: np.ndarray, parts: np.ndarray | None = None) -> Spline:
         """Return the spline with knots to follow paths, more densely where a part turns sharply.
 
-        Args:
-            paths: [T, N, D] one value per frame, in typical viewing distances.
-            parts: [N] part of each point; None is one part. The mean of all points would hide the turn of one part.
+        `paths` [T, N, D] are in typical viewing distances. `parts` [N] divides the points: the mean of all would hide
+        the turn of one part.
         """
         even = cls(len(paths))
         if paths.shape[1] == 0:

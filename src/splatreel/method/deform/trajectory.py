@@ -43,16 +43,7 @@ class Trajectory:
         tracks: np.ndarray | None = None,
         fixed: np.ndarray | None = None,
     ) -> None:
-        """Create a model.
-
-        Args:
-            means: [N, 3] canonical positions.
-            frames: Number of frames, T.
-            unit: Typical viewing distance, world units.
-            seed: Seed of the choice of nodes.
-            tracks: [T, N, 3] initial positions; None is at rest.
-            fixed: [N] bool, points that never move; None for none.
-        """
+        """Create a model, see `make_deformation`. `seed` chooses the nodes."""
         self.moves = movable(means, fixed)
         self.unit = unit
         moving = means if fixed is None else means[~fixed]

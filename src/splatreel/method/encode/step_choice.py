@@ -26,9 +26,8 @@ from splatreel.config import EncodeConfig
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.prediction.trial import Trial
 from splatreel.scene import rotations
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import Group
-from splatreel.scene.static_points import StaticPoints
 
 MIN_GAIN = 0.03
 """Minimum gain of 10 % more bytes of the reel in a held-out view, dB."""
@@ -113,19 +112,10 @@ def encode_layer_by_slope(
     importance: np.ndarray,
     trial: Trial | None,
 ) -> tuple[EncodedLayer, Steps]:
-    """Encode the points that are born at a group, with steps chosen by slope.
+    """Encode the points that are born at a group, with steps chosen by slope. Return the result of `ReelEncoder.layer`, and the steps.
 
-    Args:
-        encoder: Encoder of the reel. The paper's codec has no steps to choose.
-        data: Training views of the group.
-        points: Static points of the new layer.
-        others: All other points that are visible in the first frame.
-        moving: Number of dynamic points among `others`.
-        importance: [N, 3], see `ReelEncoder.layer`.
-        trial: Measured quality of a held-out view; None if there was no trial.
-
-    Returns:
-        The result of `ReelEncoder.layer`, and the steps that it used.
+    `others` are all other points that are visible in the first frame, `moving` of them dynamic. The paper's codec has
+    no steps to choose.
     """
     moving = max(moving, round(LEAST_MOVING * len(points)))
     reel = len(points) + len(others) + (LAYER_GROUPS * MOVING_BYTES - 1) * moving
@@ -142,19 +132,7 @@ def encode_group_by_slope(
     importance: np.ndarray | None,
     trial: Trial | None,
 ) -> tuple[dict[str, bytes], Steps]:
-    """Encode a group with steps chosen by slope.
-
-    Args:
-        encoder: Encoder of the reel.
-        data: Training views of the group.
-        group: Dynamic points and their motion, as trained.
-        static: All static points that `group.alive` refers to.
-        importance: [N, 3], see `ReelEncoder.group`.
-        trial: See `encode_layer_by_slope`.
-
-    Returns:
-        The result of `ReelEncoder.group`, and the steps that it used.
-    """
+    """Encode a group with steps chosen by slope. Return the result of `ReelEncoder.group`, and the steps."""
     subject = _Group(data, group, static.points[group.alive], importance)
     moving = LAYER_GROUPS * MOVING_BYTES * len(group.dynamic)
     share = moving / max(moving + len(subject.static), 1.0)
@@ -224,12 +202,7 @@ def _views(data: GroupInput, frame: int, number: int, count: int) -> list[int]:
 def _choose(encoder: ReelEncoder, data: GroupInput, subject: Subject, trial: Trial | None, share: float) -> Steps:
     """Return the steps of a file. They are chosen for the default coarseness; another coarseness multiplies them.
 
-    Args:
-        encoder: Encoder of the reel.
-        data: Training views.
-        subject: Layer or group.
-        trial: See `encode_layer_by_slope`.
-        share: Share of the file in the bytes that the reel spends per group in which the file is visible.
+    `share` is the share of the file in the bytes that the reel spends per group in which the file is visible.
     """
     if encoder.config.codec != "predictive":
         return STEPS
@@ -257,10 +230,7 @@ def _choose(encoder: ReelEncoder, data: GroupInput, subject: Subject, trial: Tri
 def equal_slopes(steps: Steps, slopes: dict[str, Slope], price: float) -> Steps:
     """Return steps at which one byte more reduces the mean squared error by `price`, for every attribute.
 
-    Args:
-        steps: The steps that `slopes` were measured at.
-        slopes: By attribute. Attributes without a slope keep their steps.
-        price: Mean squared error per byte.
+    `slopes` were measured at `steps`. Attributes without a slope keep their steps.
     """
     chosen = asdict(steps)
     for attribute, slope in slopes.items():

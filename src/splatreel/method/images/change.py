@@ -22,22 +22,15 @@ of three."""
 
 
 def difference(frame: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """Return the mean absolute color difference around each pixel, [H, W] float32, 0..1. Noise mostly cancels.
-
-    Args:
-        frame: [H, W, 3] uint8.
-        first: [H, W, 3] float32, 0..255.
-    """
+    """Return the mean absolute difference [H, W] float32, 0..1, around each pixel of images [H, W, 3], 0..255. Noise mostly cancels."""
     apart = cv2.GaussianBlur(cv2.subtract(frame, first, dtype=cv2.CV_32F), (5, 5), 0)
     return cv2.transform(np.abs(apart, out=apart), MEAN_OF_COLORS)
 
 
 def per_camera(function: Callable[[np.ndarray], np.ndarray], frames: np.ndarray) -> np.ndarray:
-    """Return the results of a function for the images [T, H, W, 3] of each camera, [C, ...], computed on all threads.
+    """Return the results of a function of each camera's images [T, H, W, 3], computed on all threads.
 
-    Args:
-        function: Function of the images of one camera.
-        frames: [T, C, H, W, 3] uint8. Memory of images in a file is released after each camera.
+    Memory of images in a file is released after each camera.
     """
 
     def of(camera: int) -> np.ndarray:

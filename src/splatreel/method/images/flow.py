@@ -54,13 +54,10 @@ class Flow(Protocol):
     def __call__(
         self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None, wanted: np.ndarray | None = None
     ) -> np.ndarray:
-        """Return the flow [H, W, 2] float32 from frame a to frame b, x and y in pixels.
+        """Return the flow [H, W, 2] float32 from frame a to frame b [H, W, 3] uint8, x and y in pixels.
 
-        Args:
-            a: [H, W, 3] uint8 sRGB.
-            b: [H, W, 3] uint8 sRGB.
-            guess: [H, W, 2] likely flow. A coarse-to-fine search misses small, fast content without it.
-            wanted: [H, W] bool, pixels whose flow is needed. The result elsewhere is finite but arbitrary.
+        `guess` [H, W, 2] is likely flow; without it a coarse-to-fine search misses small, fast content. Only pixels of
+        `wanted` [H, W] are needed: the result elsewhere is finite but arbitrary.
         """
         ...
 
@@ -95,14 +92,9 @@ class _ThreadCache(threading.local):
 
 
 class DisFlow:
-    """Dense inverse search by OpenCV. It is fast and needs no weights. Threads may share it.
-
-    Source:
-        Kroeger et al. 2016.
-    """
+    """Dense inverse search by OpenCV. It is fast and needs no weights. Threads may share it. Source: Kroeger et al. 2016."""
 
     def __init__(self) -> None:
-        """Create a flow function. OpenCV objects are created on first use."""
         self._cache = _ThreadCache()
 
     def __call__(
@@ -193,26 +185,12 @@ def _area(box: Box) -> int:
 
 
 class RaftFlow:
-    """RAFT by torchvision (extra `splatreel[models]`), the flow of the paper.
-
-    Source:
-        Teed and Deng 2020.
-    """
+    """RAFT by torchvision (extra `splatreel[models]`), the flow of the paper. Source: Teed and Deng 2020."""
 
     def __init__(
         self, weights: Path | None = None, device: str | None = None, updates: int = 20, model: Any = None
     ) -> None:
-        """Load the network. Nothing is downloaded.
-
-        Args:
-            weights: Path of a state dict; None uses SPLATREEL_RAFT_WEIGHTS or torch's download cache.
-            device: Device; by default CUDA if there is any.
-            updates: Iterations of the network.
-            model: Network to use instead of raft_large.
-
-        Raises:
-            MissingDependencyError: If torchvision or the weights are missing.
-        """
+        """Load the network. Nothing is downloaded. `weights`: a state dict; None uses SPLATREEL_RAFT_WEIGHTS or torch's cache."""
         model = model if model is not None else _load_raft(weights)
         import torch
 

@@ -18,13 +18,8 @@ class Pretrained:
 
     Attributes:
         purpose: First words of error messages: the feature that needs the network.
-        package: Package, as named in messages.
-        module: Module that builds the network.
-        file: File of its weights.
-        url: Address of the weights.
         variable: Environment variable with the path of the weights.
         remedy: Alternative to suggest to the user.
-        install: Further advice on installation.
     """
 
     purpose: str
@@ -37,20 +32,12 @@ class Pretrained:
     install: str = ""
 
     def check(self) -> None:
-        """Check that the package and the weights are on this machine, without loading the weights.
-
-        Raises:
-            MissingDependencyError: If one is missing.
-        """
+        """Raise a `MissingDependencyError` if the package or the weights are missing. The weights are not loaded."""
         self.import_module()
         self.find_weights(None)
 
     def import_module(self) -> ModuleType:
-        """Return the module that builds the network.
-
-        Raises:
-            MissingDependencyError: If the import fails.
-        """
+        """Return the module that builds the network, or raise a `MissingDependencyError`."""
         try:
             return importlib.import_module(self.module)
         except (ImportError, RuntimeError) as error:  # RuntimeError: built for another version of torch
@@ -60,11 +47,7 @@ class Pretrained:
             ) from error
 
     def find_weights(self, given: Path | None) -> Path:
-        """Return the file of the weights: the given path, the environment variable's, or the one in torch's download cache.
-
-        Raises:
-            MissingDependencyError: If there is no such file.
-        """
+        """Return the weights: the given path, the environment variable's, or torch's cache; or raise as `check` does."""
         path = Path(given or os.environ.get(self.variable) or cached_weights(self.file))
         if not path.is_file():
             raise MissingDependencyError(

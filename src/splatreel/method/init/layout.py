@@ -1,4 +1,4 @@
-"""Measures of a scene, its up direction included. Learning rates and thresholds are relative to them."""
+"""Measures of a scene, its up direction included, and limits of viewpoints. Learning rates and thresholds are relative to them."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.sparse.csgraph import minimum_spanning_tree
 
 from splatreel.base.untrusted import is_number, numbers
+from splatreel.codec.presentation import Limits
 from splatreel.method.init.planesweep import seen_depths
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import NONE, Clearance
-from splatreel.scene.volume_text import parse_volume
-from splatreel.scene.volumes import Volume
+from splatreel.scene.volumes import Volume, parse_volume
 
 BORDER_PARTS = 8
 """Each side of an image's border is one part in this many of its width or height."""
@@ -37,10 +38,7 @@ class Layout:
     Attributes:
         near: Near plane, world units.
         unit: Typical viewing distance, world units.
-        up: [3] unit vector.
-        bounds: Low and high corner of the scene.
         clearance: Space in front of a viewer in which no static point is drawn.
-        background: Color behind all points, 0..1.
         backgrounds: Color behind the subject in the images of each camera, for a capture with masks. It does not change with the
             camera's color gain.
         region: Volume that the reel holds, as users write it; empty for everything.
@@ -81,13 +79,7 @@ class Layout:
 
     @staticmethod
     def from_dict(value: dict[str, Any]) -> Layout:
-        """Parse the result of `to_dict`.
-
-        Raises:
-            KeyError: If a field is missing.
-            TypeError: If a field has another type.
-            ValueError: If a field has another shape.
-        """
+        """Parse the result of `to_dict`. Other values raise a KeyError, TypeError or ValueError."""
         numbers(value["up"], 3)
         numbers(value["bounds"], 2, 3)
         if not (is_number(value["near"]) and is_number(value["unit"]) and isinstance(value.get("region", ""), str)):
@@ -106,19 +98,13 @@ def _color(value: Any) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class _VolumeRig:
-    """See `VolumeRig`."""
-
     up: np.ndarray
     cameras: Sequence[Camera]
     near: float
 
 
 def check_region(text: str, cameras: Sequence[Camera]) -> None:
-    """Check the text of a region.
-
-    Raises:
-        UsageError: It is not a volume.
-    """
+    """Raise a `UsageError` if the text of a region is not a volume."""
     if text:
         parse_volume("region", text, _VolumeRig(upright(cameras), cameras, 0.0))
 
@@ -188,3 +174,61 @@ def upright(cameras: Sequence[Camera]) -> np.ndarray:
 def _unit(vector: np.ndarray) -> np.ndarray:
     length = np.linalg.norm(vector)
     return vector / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
+
+
+MOST_CAMERAS = 0.9
+"""Share of the cameras that must look at the focus, and quantile of the steps between neighboring cameras that decides the
+angle."""
+MIN_LOOKING_COSINE = 0.7
+"""Minimum cosine of the angle between a camera's axis and the focus, for a camera that looks at it."""
+STEP_SHARE, MARGIN_DEGREES, LEAST_DEGREES, MOST_DEGREES = 0.75, 5.0, 10.0, 45.0
+"""The angle is `STEP_SHARE` of a step from camera to camera (half a step is the middle between two) plus `MARGIN_DEGREES`,
+clamped to `LEAST_DEGREES`..`MOST_DEGREES`."""
+NEAREST, FARTHEST = 0.25, 1.25
+"""Limits of the distance, as shares of the smallest and the largest distance of a camera from the focus."""
+FLOOR_PERCENTILE = 2.0
+"""Percentage of the points around the focus that may lie below the floor: noise and reflections."""
+MIN_FLOOR_POINTS = 100
+"""Minimum number of points that determine a floor."""
+
+
+def limits(cameras: Sequence[Camera], points: np.ndarray, layout: Layout, most: float | None = None) -> Limits | None:
+    """Return the limits of viewpoints for cameras around a subject; None for cameras that do not look at a common focus.
+
+    Views between neighboring cameras hold, and about as far beyond the outer ones. The angle follows from the steps of
+    the shortest path through all cameras. The floor lies below nearly all points around the focus and below every
+    camera. `most` limits the angle, degrees, if a trial showed that views do not hold (`method/prediction/trial.py`).
+    """
+    focus, up = np.array(layout.clearance.focus), np.array(layout.up)
+    centers = np.stack([camera.center for camera in cameras]).astype(np.float64)
+    away = centers - focus
+    distances = np.linalg.norm(away, axis=1)
+    if distances.min() < 1e-6:
+        return None
+    directions = away / distances[:, None]
+    ahead = np.stack([camera.viewmat[2, :3] for camera in cameras])
+    if np.mean((ahead * -directions).sum(1) > MIN_LOOKING_COSINE) < MOST_CAMERAS:
+        return None
+    angle = _angle(directions)
+    return Limits(
+        focus=layout.clearance.focus,
+        angle=angle if most is None else min(angle, most),
+        distance=(round(NEAREST * float(distances.min()), 6), round(FARTHEST * float(distances.max()), 6)),
+        floor=_floor(points, centers @ up, focus, up, 2 * distances.max()),
+    )
+
+
+def _angle(directions: np.ndarray) -> float:
+    """Return the angle, degrees, for unit directions [C, 3] from the focus to the cameras."""
+    between = np.degrees(np.arccos(np.clip(directions @ directions.T, -1, 1)))
+    steps = minimum_spanning_tree(between).data
+    step = float(np.quantile(steps, MOST_CAMERAS, method="lower")) if len(steps) else 0.0
+    return round(min(max(STEP_SHARE * step + MARGIN_DEGREES, LEAST_DEGREES), MOST_DEGREES), 2)
+
+
+def _floor(points: np.ndarray, cameras: np.ndarray, focus: np.ndarray, up: np.ndarray, radius: float) -> float | None:
+    """Return the height of the floor along `up`, below all cameras; None for too few points within a radius of the focus."""
+    around = points[np.linalg.norm(points - focus, axis=1) < radius]
+    if len(around) < MIN_FLOOR_POINTS:
+        return None
+    return round(min(float(np.percentile(around @ up, FLOOR_PERCENTILE)), float(cameras.min())), 6)

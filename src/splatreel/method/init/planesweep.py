@@ -20,8 +20,7 @@ import numpy as np
 
 from splatreel.base import threads
 from splatreel.method.init.triangulate import nearest_cameras
-from splatreel.scene.camera import Camera
-from splatreel.scene.projection import inside, project, unproject
+from splatreel.scene.camera import Camera, inside, project, unproject
 
 NEIGHBORS = 4
 PATCH = 5
@@ -41,14 +40,7 @@ MIN_PIXEL_SHARE, MIN_PARTNERS = 0.05, 2
 
 @dataclass(frozen=True)
 class DepthMap:
-    """Depth map of a camera.
-
-    Attributes:
-        camera: The camera, at the size of the map.
-        image: [H, W, 3] uint8.
-        depth: [H, W] float32, world units along the camera's axis.
-        agreeing: [H, W] uint8, number of neighbors whose maps agree.
-    """
+    """Depth map [H, W] of a camera, world units along its axis, and the number of neighbors whose maps agree at each pixel."""
 
     camera: Camera
     image: np.ndarray
@@ -59,14 +51,9 @@ class DepthMap:
 def sweep(
     cameras: list[Camera], images: np.ndarray, ranges: np.ndarray, *, width: int = 320, planes: int | np.ndarray = 96
 ) -> list[DepthMap]:
-    """Compute one depth map per camera.
+    """Compute one depth map per camera, `width` pixels wide, from images [C, H, W, 3] uint8.
 
-    Args:
-        cameras: All cameras.
-        images: [C, H, W, 3] uint8.
-        ranges: [C, 2] nearest and farthest depth of every camera, world units.
-        width: Width of the maps, pixels, at most that of the images.
-        planes: Number of planes, for all cameras or for each camera [C].
+    `ranges` [C, 2] are the nearest and farthest depths. `planes` is their number, for all cameras or for each.
     """
     width = min(width, images.shape[2])
     height = max(round(images.shape[1] * width / images.shape[2]), 1)
@@ -132,15 +119,7 @@ def _cost_volume(
 
 
 def plane_homographies(camera: Camera, other: Camera, depths: np.ndarray) -> np.ndarray:
-    """Return the homographies [D, 3, 3] from `camera` to `other` via the planes z = depth.
-
-    Pixel centers are integers, as in OpenCV.
-
-    Args:
-        camera: Source camera.
-        other: Target camera.
-        depths: [D] depths of the planes, world units.
-    """
+    """Return the homographies [D, 3, 3] between two cameras via the planes z = depth. Pixel centers are integers, as in OpenCV."""
     relative = other.viewmat.astype(np.float64) @ np.linalg.inv(camera.viewmat.astype(np.float64))
     shift = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])
     tilt = np.zeros((len(depths), 3, 3))
@@ -246,18 +225,10 @@ def _agreement(camera: Camera, depth: np.ndarray, step: float, other: Camera, ot
 
 
 def narrow_ranges(cameras: list[Camera], ranges: np.ndarray, width: int, planes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Narrow the depth ranges of cameras whose planes would be too far apart, and choose the number of planes.
+    """Narrow the depth ranges [C, 2] of cameras whose planes would be too far apart, and choose the number of planes [C].
 
-    A range is narrowed to the depths that neighbors see too. Other cameras keep their range and `planes` planes.
-
-    Args:
-        cameras: All cameras.
-        ranges: [C, 2] nearest and farthest depth, world units.
-        width: Width of the depth maps, pixels.
-        planes: Number of planes.
-
-    Returns:
-        Ranges [C, 2], and the number of planes [C].
+    A range is narrowed to the depths that neighbors see too. Other cameras keep their range and `planes` planes. Maps
+    are `width` pixels wide.
     """
     nearest = nearest_cameras(cameras, NEIGHBORS)
     height = max(round(cameras[0].height * width / cameras[0].width), 1)
@@ -273,14 +244,7 @@ def narrow_ranges(cameras: list[Camera], ranges: np.ndarray, width: int, planes:
 
 
 def pixels_apart(camera: Camera, others: list[Camera], depths: np.ndarray, planes: int) -> float:
-    """Return the spacing of planes, pixels: median over the planes, mean over the other cameras, at the image center.
-
-    Args:
-        camera: Camera of the depth map.
-        others: Cameras that are compared with it.
-        depths: [2] nearest and farthest depth, world units.
-        planes: Number of planes.
-    """
+    """Return the spacing of planes, pixels: median over the planes, mean over the other cameras, at the image center."""
     levels = np.linspace(1 / depths[1], 1 / depths[0], planes)
     middle = np.array([camera.width / 2 - 0.5, camera.height / 2 - 0.5, 1])
     found = []

@@ -1,4 +1,4 @@
-"""Sparse points from feature matches between cameras with known poses.
+"""Image features, and sparse points from their matches between cameras with known poses.
 
 Only features near each other's epipolar line are compared. Repeated texture then does less harm than in matching without poses,
 and more weak features survive. Two-view matches are often false, so a point must be seen by three cameras.
@@ -8,10 +8,89 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
-from splatreel.method.init.features import detect, match
 from splatreel.scene.camera import Camera
+
+MAX_FEATURES = 3000
+MIN_SIMILARITY = 0.7
+RATIO = 0.85
+
+
+@dataclass(frozen=True)
+class Features:
+    """SIFT features of an image.
+
+    Attributes:
+        pixels: [F, 2] float64, pixel centers at +0.5.
+        descriptors: [F, 128] float32, unit length (RootSIFT).
+        colors: [F, 3] uint8.
+    """
+
+    pixels: np.ndarray
+    descriptors: np.ndarray
+    colors: np.ndarray
+
+    def __getitem__(self, which: np.ndarray) -> Features:
+        """Select features by index or mask."""
+        return Features(self.pixels[which], self.descriptors[which], self.colors[which])
+
+
+def detect(image: np.ndarray) -> Features:
+    """Detect SIFT features in an image [H, W, 3] uint8."""
+    sift = cv2.SIFT.create(MAX_FEATURES, contrastThreshold=0.01, edgeThreshold=20)
+    keypoints, descriptors = sift.detectAndCompute(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), None)
+    if descriptors is None or len(keypoints) == 0:
+        return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32), np.zeros((0, 3), np.uint8))
+    pixels = np.array([k.pt for k in keypoints], np.float64)
+    column, row = np.rint(pixels).astype(int).T
+    height, width = image.shape[:2]
+    colors = image[row.clip(0, height - 1), column.clip(0, width - 1)]
+    root = np.sqrt(descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-9))
+    return Features(pixels + 0.5, root.astype(np.float32), colors)
+
+
+def fundamental(a: Camera, b: Camera) -> np.ndarray:
+    """Return the fundamental matrix F with x_b^T F x_a = 0 for homogeneous pixels."""
+    relative = b.viewmat.astype(np.float64) @ np.linalg.inv(a.viewmat.astype(np.float64))
+    x, y, z = relative[:3, 3]
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.linalg.inv(b.K.astype(np.float64)).T @ cross @ relative[:3, :3] @ np.linalg.inv(a.K.astype(np.float64))
+
+
+def epipolar_lines(camera_a: Camera, camera_b: Camera, pixels: np.ndarray) -> np.ndarray:
+    """Return the epipolar lines [F, 3] in view b of pixels [F, 2] in view a, with unit normals."""
+    lines = np.c_[pixels, np.ones(len(pixels))] @ fundamental(camera_a, camera_b).T
+    return lines / np.maximum(np.linalg.norm(lines[:, :2], axis=1, keepdims=True), 1e-12)
+
+
+def line_distances(lines: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Return the signed distances [F] of pixels [F, 2] from lines [F, 3]."""
+    return (lines[:, :2] * pixels).sum(1) + lines[:, 2]
+
+
+def match(camera_a: Camera, camera_b: Camera, a: Features, b: Features, reach: float | np.ndarray) -> np.ndarray:
+    """Return mutual best matches [M, 2] near the epipolar lines that pass the ratio test, as indices into a and b.
+
+    `reach` is the maximum distance from the line, pixels, for all pairs or for each pair [A, B].
+    """
+    if len(a.pixels) == 0 or len(b.pixels) == 0:
+        return np.zeros((0, 2), np.int64)
+    lines = epipolar_lines(camera_a, camera_b, a.pixels)
+    distance = lines.astype(np.float32) @ np.c_[b.pixels, np.ones(len(b.pixels))].T.astype(np.float32)
+    similarity = a.descriptors @ b.descriptors.T
+    similarity[np.abs(distance) > reach] = -1
+    rows = np.arange(len(a.pixels))
+    best = similarity.argmax(1)
+    mutual = similarity.argmax(0)[best] == rows
+    score = similarity[rows, best].copy()
+    similarity[rows, best] = -1
+    second = similarity.max(1)
+    gap = np.sqrt(np.maximum(2 - 2 * score, 0)) < RATIO * np.sqrt(np.maximum(2 - 2 * second, 0))
+    good = mutual & gap & (score > MIN_SIMILARITY)
+    return np.stack([rows[good], best[good]], 1)
+
 
 EPIPOLAR_PIXELS = 1.5
 VOTE_PIXELS = 3.0
@@ -39,11 +118,6 @@ def triangulate(cameras: list[Camera], images: np.ndarray, neighbors: int = 8) -
     """Match SIFT features between neighboring cameras and triangulate the ones that at least three cameras agree on.
 
     Images without texture give no points; that is not an error.
-
-    Args:
-        cameras: All cameras.
-        images: [C, H, W, 3] uint8.
-        neighbors: Number of neighbors that each camera is matched with.
     """
     features = [detect(image) for image in images]
     first = np.cumsum([0] + [len(f.pixels) for f in features])
@@ -98,13 +172,6 @@ def _solve_stars(
 
     A feature and its direct matches form a star. Longer chains (connected components) would merge most of an image into one
     track through a few false matches. Every edge of a star proposes a point; the point with the most votes of other edges wins.
-
-    Args:
-        cameras: All cameras.
-        edges: [E, 2] int feature indices, both directions.
-        camera: [F] int, camera of each feature.
-        pixels: [F, 2] features.
-        colors: [F, 3] uint8.
     """
     edges = edges[np.argsort(edges[:, 0], kind="stable")]
     projections = np.stack([c.K.astype(np.float64) @ c.viewmat[:3].astype(np.float64) for c in cameras])
@@ -140,16 +207,7 @@ def _refine(
     pixels: np.ndarray,
     colors: np.ndarray,
 ) -> Tracks:
-    """Triangulate points from all their observations, and drop points that do not fit or are seen from one direction only.
-
-    Args:
-        cameras: All cameras.
-        projections: [C, 3, 4] projection matrices.
-        point: [O] int, point of every observation.
-        camera: [O] int, camera of every observation.
-        pixels: [O, 2] observations.
-        colors: [O, 3] uint8.
-    """
+    """Triangulate points from all their observations, and drop points that do not fit or are seen from one direction only."""
     count = int(point.max(initial=-1)) + 1
     points = intersect(projections[camera], pixels, point, count)
     fits = reprojection_errors(projections, points[point], camera, pixels) < REPROJECTION_PIXELS
@@ -165,28 +223,14 @@ def _refine(
 def reprojection_errors(
     projections: np.ndarray, points: np.ndarray, camera: np.ndarray, pixels: np.ndarray
 ) -> np.ndarray:
-    """Return reprojection errors [O], pixels; infinite behind the camera.
-
-    Args:
-        projections: [C, 3, 4] projection matrices.
-        points: [O, 3] world.
-        camera: [O] int.
-        pixels: [O, 2] observations.
-    """
+    """Return reprojection errors [O], pixels; infinite behind the camera."""
     seen = np.einsum("oij,oj->oi", projections[camera, :, :3], points) + projections[camera, :, 3]
     depth = np.where(seen[:, 2] > 1e-9, seen[:, 2], np.nan)
     return np.nan_to_num(np.linalg.norm(seen[:, :2] / depth[:, None] - pixels, axis=1), nan=np.inf)
 
 
 def intersect(projections: np.ndarray, pixels: np.ndarray, track: np.ndarray, count: int) -> np.ndarray:
-    """Triangulate `count` points linearly; [count, 3].
-
-    Args:
-        projections: [O, 3, 4] projection matrix of every observation.
-        pixels: [O, 2] observations.
-        track: [O] int, point of every observation.
-        count: Number of points.
-    """
+    """Triangulate `count` points [count, 3] linearly. Observation o of point track[o] has projections[o] [3, 4] and pixels[o] [2]."""
     rows = pixels[:, :, None] * projections[:, 2:3] - projections[:, :2]
     rows /= np.maximum(np.linalg.norm(rows[..., :3], axis=-1, keepdims=True), 1e-12)
     normal = np.zeros((count, 4, 4))

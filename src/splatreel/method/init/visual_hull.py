@@ -58,11 +58,6 @@ class VisualHull:
 
     Pixels in doubt are within the masks. But if they are unlikely, only in one camera for each place, or in `MOST_DOUBTS` of those that
     see it. Otherwise hardly any camera would decide about the place.
-
-    Args:
-        cameras: C cameras.
-        masks: [C, H, W] uint8.
-        near: Least depth of content, world units.
     """
 
     def __init__(self, cameras: list[Camera], masks: np.ndarray, near: float = 0.0) -> None:

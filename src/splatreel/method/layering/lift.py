@@ -19,9 +19,8 @@ ITERATIONS = 400
 """Iterations of the paper's lifting, one view each: twenty per view for twenty cameras. Fewer leave labels between 0 and 1."""
 NEIGHBORS = 8
 """Number of neighbors whose labels count too; the paper's value (section 5.1)."""
-DYNAMIC_LABEL = 0.5
-"""Labels above this value are dynamic: the middle of 0 (static) and 1. A lower value makes more points dynamic, which costs
-bytes."""
+LAMBDA_NN, LAMBDA_DYN = 0.5, 0.3
+"""Weights of different labels of neighbors and of dynamic labels in the paper's lifting (lambda_seg^nn, lambda_seg^dyn)."""
 
 
 class _Contributions(NamedTuple):
@@ -43,14 +42,7 @@ class _Contributions(NamedTuple):
 def lift(
     points: Gaussians, cameras: list[Camera], masks: np.ndarray, near: float, config: LayeringConfig
 ) -> np.ndarray:
-    """Return a motion label per point, [N] float32 in 0..1. A label above `DYNAMIC_LABEL` is dynamic; points that no camera sees get 0.
-
-    Args:
-        points: N points.
-        cameras: All cameras.
-        masks: [C, H, W] bool, of the cameras' size.
-        near: Near plane, world units.
-        config: Layering settings.
+    """Return a motion label per point, [N] float32: 0 is static or unseen, 1 dynamic. `labels.DYNAMIC_LABEL` is between.
 
     Raises:
         ReconstructionError: If masks and cameras do not match.
@@ -69,14 +61,7 @@ def lift(
 
 
 def shares(points: Gaussians, cameras: list[Camera], masks: np.ndarray, near: float) -> np.ndarray:
-    """Return the share of each point's contribution that lies in masks, [N] float32 0..1; NaN where no camera sees the point.
-
-    Args:
-        points: N points.
-        cameras: All cameras.
-        masks: [C, H, W] bool.
-        near: Near plane, world units.
-    """
+    """Return the share of each point's contribution that lies in masks, [N] float32 0..1; NaN where no camera sees the point."""
     if len(points) == 0:
         return np.zeros(0, np.float32)
     weights = _contributions(points, cameras, masks, near)
@@ -84,14 +69,7 @@ def shares(points: Gaussians, cameras: list[Camera], masks: np.ndarray, near: fl
 
 
 def gather_images(points: Gaussians, camera: Camera, images: np.ndarray, near: float) -> np.ndarray:
-    """Return the sum of images [H, W, K] over the pixels of each point, [N, K], weighted by the point's share of every pixel.
-
-    Args:
-        points: N points.
-        camera: Camera of the images.
-        images: [H, W, K] float32.
-        near: Near plane, world units.
-    """
+    """Return the sum of images [H, W, K] over the pixels of each point, [N, K], weighted by the point's share of every pixel."""
     return splat.gather(_project(points, camera, near), points.opacities, images)
 
 
@@ -136,7 +114,7 @@ def _minimize(
         alike = np.sign(labels - labels[nearest])
         of_nearest = np.bincount(nearest, alike, count).astype(np.float32)
         moving = np.sign(labels - 1)
-        slopes += (config.lambda_nn * (alike - of_nearest) + config.lambda_dyn * moving) / len(cameras)
+        slopes += (LAMBDA_NN * (alike - of_nearest) + LAMBDA_DYN * moving) / len(cameras)
         rate = LIFT_RATE * 0.1 ** (iteration / ITERATIONS)
         adam.adam([adam.Step(trained, slopes, ones, 0, count, (rate, 0.9, 0.999, 1e-8, iteration + 1))])
         np.clip(labels, 0, 1, out=labels)

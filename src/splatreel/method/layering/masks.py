@@ -10,7 +10,7 @@ import numpy as np
 
 from splatreel.base.errors import UsageError
 from splatreel.config import LayeringConfig
-from splatreel.config.layering import PAPER_WIDTH
+from splatreel.config.config import PAPER_WIDTH
 from splatreel.method.images.flow import Flow, map_views
 from splatreel.method.layering.sam2 import Sam2Segmenter
 
@@ -18,6 +18,8 @@ FLOW_WIDTH = 320
 """Flow is computed on images halved as long as at least this width remains. Masks need no more detail, and flow is slow."""
 MIN_FLOW = 0.5
 """Minimum length of flow, pixels. Shorter flow is noise at any image size."""
+FLOW_THRESHOLD = 2.0
+"""Flow, pixels at a width of `PAPER_WIDTH`, above which a pixel moves (lambda_raft)."""
 MIN_MOVING_SHARE = 0.4
 """Share of the selected frames in which a pixel must move to be labeled without a flow that returns."""
 MIN_COLOR_CHANGE = 6 / 255
@@ -31,12 +33,7 @@ class Segmenter(Protocol):
     """Completion of motion masks to whole objects."""
 
     def complete(self, masks: np.ndarray, images: np.ndarray) -> np.ndarray:
-        """Return completed masks [C, H, W] bool.
-
-        Args:
-            masks: [C, H, W] bool.
-            images: [C, H, W, 3] uint8.
-        """
+        """Return completed masks [C, H, W] bool of images [C, H, W, 3] uint8."""
         ...
 
 
@@ -63,15 +60,10 @@ def motion_masks(frames: np.ndarray, flow: Flow, config: LayeringConfig) -> np.n
     something passes in front of does neither. Content that is too fast for its flow to return has left in most frames. With one
     selected frame this is the paper's rule. Content that appears later has no pixel at the keyframe; adaptive conversion
     handles it.
-
-    Args:
-        frames: [T, C, H, W, 3] uint8, the keyframe first.
-        flow: Optical flow.
-        config: Layering settings.
     """
     count, cameras, height, width = frames.shape[:4]
     halvings = max(int(math.log2(width / FLOW_WIDTH)), 0)
-    threshold = max(config.flow_threshold * (width >> halvings) / PAPER_WIDTH, MIN_FLOW)
+    threshold = max(FLOW_THRESHOLD * (width >> halvings) / PAPER_WIDTH, MIN_FLOW)
     later = later_frames(count, config.flow_frames)
     enough = math.ceil(MIN_MOVING_SHARE * len(later))
 
@@ -123,6 +115,10 @@ def _clean(mask: np.ndarray) -> np.ndarray:
     return cv2.morphologyEx(opened, cv2.MORPH_CLOSE, np.ones((hole, hole), np.uint8)) > 0
 
 
+GRABCUT_WIDTH, GRABCUT_ITERATIONS = 480, 2
+"""Largest width, pixels, at which GrabCut runs, and its iterations."""
+
+
 class GrabCutSegmenter:
     """Segmenter by GrabCut, seeded by the mask. It needs no weights.
 
@@ -133,17 +129,8 @@ class GrabCutSegmenter:
         Rother et al. 2004.
     """
 
-    def __init__(self, reach: float = 0.03, iterations: int = 2, width: int = 480) -> None:
-        """Create a segmenter.
-
-        Args:
-            reach: Maximum growth of a mask, as a share of the image width.
-            iterations: Iterations of GrabCut.
-            width: Maximum width at which GrabCut runs, pixels.
-        """
+    def __init__(self, reach: float = 0.03) -> None:
         self.reach = reach
-        self.iterations = iterations
-        self.width = width
 
     def complete(self, masks: np.ndarray, images: np.ndarray) -> np.ndarray:
         """See `Segmenter`."""
@@ -151,7 +138,7 @@ class GrabCutSegmenter:
 
     def _complete_one(self, mask: np.ndarray, image: np.ndarray) -> np.ndarray:
         height, width = mask.shape
-        scale = min(self.width / width, 1.0)
+        scale = min(GRABCUT_WIDTH / width, 1.0)
         size = max(round(width * scale), 1), max(round(height * scale), 1)
         seed = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
         reach = max(round(self.reach * size[0]), 1)
@@ -167,7 +154,7 @@ class GrabCutSegmenter:
         window = np.ascontiguousarray(trimap[rows, columns])
         models = np.zeros((1, 65)), np.zeros((1, 65))
         cv2.setRNGSeed(0)
-        cv2.grabCut(small, window, (0, 0, 0, 0), *models, self.iterations, cv2.GC_INIT_WITH_MASK)
+        cv2.grabCut(small, window, (0, 0, 0, 0), *models, GRABCUT_ITERATIONS, cv2.GC_INIT_WITH_MASK)
         added = np.zeros_like(seed)
         added[rows, columns] = (window == cv2.GC_FGD) | (window == cv2.GC_PR_FGD)
         added[seed > 0] = 0

@@ -27,6 +27,8 @@ SAM2 = Pretrained(
 SAM2_CONFIG = "configs/sam2.1/sam2.1_hiera_l.yaml"
 LEAST_AREA = 0.0005
 """Minimum area of a part of a mask to prompt SAM2, as a share of the image."""
+MOST_OBJECTS, MOST_PROMPTS = 8, 5
+"""Largest number of parts of a mask that prompt SAM2, each as an object, and of prompts of each."""
 
 
 class Sam2Segmenter:
@@ -41,35 +43,19 @@ class Sam2Segmenter:
         weights: Path | None = None,
         config: str = SAM2_CONFIG,
         device: str | None = None,
-        objects: int = 8,
-        points: int = 5,
-        seed: int = 0,
         predictor: Any = None,
     ) -> None:
-        """Load the network. Nothing is downloaded.
+        """Load the network. Nothing is downloaded. `weights` fit `config`; None uses SPLATREEL_SAM2_WEIGHTS or torch's cache.
 
-        Args:
-            weights: Checkpoint of SAM2 that fits `config`; None uses SPLATREEL_SAM2_WEIGHTS or torch's download cache.
-            config: Configuration of SAM2.
-            device: Device; by default CUDA if there is any.
-            objects: Maximum number of objects. Each part of a mask is an object.
-            points: Maximum number of prompts per object.
-            seed: Seed of the choice of prompts.
-            predictor: Video predictor to use instead.
-
-        Raises:
-            MissingDependencyError: If the package or the weights are missing, or the weights do not fit the configuration.
+        Missing packages or weights, or weights of another configuration, raise a `MissingDependencyError`.
         """
         self.predictor = predictor if predictor is not None else _load_predictor(weights, config, device)
-        self.objects = objects
-        self.points = points
-        self.seed = seed
 
     def complete(self, masks: np.ndarray, images: np.ndarray) -> np.ndarray:
         """Return the masks united with those of SAM2 (M = M_raft + M_sam); see `Segmenter`."""
         completed = masks.copy()
         start = int(masks.sum((1, 2)).argmax())
-        prompts = object_prompts(masks[start], self.objects, self.points, self.seed)
+        prompts = object_prompts(masks[start], MOST_OBJECTS, MOST_PROMPTS, seed=0)
         if not prompts:
             return completed
         # SAM2 draws progress bars over the display of the run, and warns that its CUDA extension was not compiled.
@@ -109,12 +95,6 @@ def object_prompts(mask: np.ndarray, objects: int, points: int, seed: int) -> li
     """Return prompts inside the largest connected parts of a mask: one array [P, 2] float32 of pixels (x, y) per part.
 
     The first prompt is farthest from the part's border, where it is least ambiguous; the others are random.
-
-    Args:
-        mask: [H, W] bool.
-        objects: Maximum number of parts.
-        points: Maximum number of prompts per part.
-        seed: Seed of the random prompts.
     """
     rng = np.random.default_rng(seed)
     count, parts, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))

@@ -40,7 +40,6 @@ class Trial:
     """Result of a trial.
 
     Attributes:
-        camera: Name of the camera that was left out.
         angle: Degrees between this camera and the nearest other one, seen from the focus.
         psnr: PSNR in dB of its image as reconstructed from the others. That of a subject is within its mask, over black, and without
             a fit to the exposure, as `evaluate` measures it.
@@ -73,16 +72,8 @@ def leave_one_out(
 ) -> Trial:
     """Leave the middle camera out of a small reconstruction. It takes some seconds, whatever the size of the capture.
 
-    Args:
-        cameras: Training cameras.
-        images: Their images [C, H, W, 3] uint8 at one moment.
-        focus: Place [3] that the cameras look at.
-        points: Sparse points [P, 3] of the capture, if it has any.
-        colors: Their colors [P, 3] 0..1.
-        near: Near plane of the capture, if it has one.
-        progress: Display of the progress.
-        alpha: [C, H, W] uint8, opacity of the subject; None tries the whole scene.
-        gpu: GPU that trains; None trains on the CPU.
+    `focus` [3] is the place that the cameras look at, `alpha` [C, H, W] the opacity of the subject; None is the whole
+    scene.
     """
     left, angles = middle_camera(cameras, focus), angles_apart(cameras, focus)
     others = np.argsort(angles[left], kind="stable")[: min(OTHERS, len(cameras) - 1)].tolist()
@@ -125,14 +116,7 @@ def leave_one_out(
 def _subject(
     chosen: list[int], names: list[str], shown: dict[int, np.ndarray], masks: dict[int, np.ndarray]
 ) -> tuple[np.ndarray, Subject]:
-    """Return the images of a subject over the colors of the palette, and the subject.
-
-    Args:
-        chosen: Numbers of the cameras.
-        names: Their names.
-        shown: Their images [H, W, 3] uint8.
-        masks: Their masks [H, W] uint8.
-    """
+    """Return the images of a subject over the colors of the palette, and the subject."""
     colors = [PALETTE[place % len(PALETTE)] for place in range(len(chosen))]
     images = [
         over_color(shown[c], masks[c], (255 * np.array(color)).astype(np.uint8))

@@ -35,13 +35,7 @@ MAX_RAYS = 4000
 
 @dataclass(frozen=True)
 class NewPoints:
-    """New points.
-
-    Attributes:
-        points: [M, 3] world.
-        colors: [M, 3] 0..1.
-        sizes: [M] standard deviation, world units: half the distance to the next point.
-    """
+    """New points [M, 3], their colors [M, 3] 0..1, and standard deviations `sizes` [M]: half the distance to the next point."""
 
     points: np.ndarray
     colors: np.ndarray
@@ -92,15 +86,8 @@ def find_new_points(
 ) -> NewPoints:
     """Find points of the content that is missing in the rendered scene.
 
-    Args:
-        cameras: All cameras.
-        images: [C, H, W, 3] uint8.
-        masks: Error masks [C, H, W].
-        depths: [C, H, W] depths of the rendered scene, infinite for nothing.
-        near: Near plane, world units.
-        moving: [N, 3] positions of the keyframe's dynamic points at this frame. Close to them only certain errors count, since
-            training corrects small misplacements.
-        seed: Seed of the choice of rays.
+    `depths` [C, H, W] are of the rendered scene, infinite for nothing. Close to `moving` points [N, 3] only certain
+    errors count, since training corrects small misplacements.
     """
     rays = _rays(masks.error, np.random.default_rng(seed))
     if len(rays) == 0:
@@ -139,11 +126,7 @@ def _rays(error: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 def _places(
     cameras: list[Camera], rays: np.ndarray, error: np.ndarray, depths: np.ndarray, near: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return places along rays, evenly in inverse depth up to the visible surface.
-
-    Returns:
-        Places [R, D, 3], sizes of a pixel there [R, D], and the spacing of the rays.
-    """
+    """Return places [R, D, 3] along rays, evenly in inverse depth up to the visible surface, their sizes, and the spacing of rays."""
     camera, row, column = rays.T
     shown = depths[camera, row, column]
     finite = depths[np.isfinite(depths)]

@@ -6,23 +6,25 @@ Tracking runs before a group's motion is trained. It gives training a starting p
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from splatreel.base.progress import Progress
 from splatreel.config import LayeringConfig
+from splatreel.kernels import photo_consistency
 from splatreel.kernels.image import Backdrop
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.images.flow import make_flow
 from splatreel.method.layering.labels import RelitPoints
 from splatreel.method.layering.lift import shares
-from splatreel.method.tracking.large_displacement import large_displacements
 from splatreel.method.tracking.new_points import ErrorMasks, error_masks, find_new_points
 from splatreel.method.tracking.track import PointTracks, Tracker, identity_quats
-from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import C0, Gaussians, StaticPoints
 from splatreel.scene.group import Group
-from splatreel.scene.static_points import StaticPoints
 
 CHECK_EVERY = 4
 """Frames between two checks for content that appeared or departed."""
@@ -66,19 +68,10 @@ def track(
     config: LayeringConfig,
     progress: Progress,
 ) -> GroupStart:
-    """Track dynamic points through a group, and add points for content that appears or departs.
+    """Track dynamic points through a group, and add points for content that appears or departs. The relit points come last.
 
-    Args:
-        data: Training views of the group.
-        dynamic: Dynamic points at the keyframe.
-        relit: Static points whose light changes. They are not tracked.
-        static: Static points.
-        velocities: [N, 3] approximate motion of the dynamic points at the keyframe, world units per frame; None if unknown.
-        config: Layering settings.
-        progress: Receives the current frame.
-
-    Returns:
-        The dynamic points, then the added points, then the relit points.
+    `velocities` [N, 3] are the approximate motion of the dynamic points at the keyframe, world units per frame; None if
+    unknown.
     """
     data, occluders = data.smaller(), Gaussians.concatenate([static.living, relit.points])
     tracker = Tracker(occluders, data.cameras, data.images, make_flow(config.flow), data.near)
@@ -121,22 +114,12 @@ class ChangeDetector:
 
     Attributes:
         remaining: [A] bool, living static points that have not departed.
-        backdrops: One drawing of the remaining static points per camera.
         keyframe_errors: [C, H, W] bool, pixels that are wrong at the keyframe already, such as mirrors. They indicate no change.
     """
 
     def __init__(
         self, tracker: Tracker, data: GroupInput, dynamic: Gaussians, static: Gaussians, relit: RelitPoints
     ) -> None:
-        """Draw the static points, and compare the keyframe.
-
-        Args:
-            tracker: Tracker of the group.
-            data: Training views, of the tracker's size.
-            dynamic: Dynamic points at the keyframe.
-            static: A living static points.
-            relit: Static points whose light changes.
-        """
         self.tracker = tracker
         self.data = data
         self.static = static
@@ -146,28 +129,16 @@ class ChangeDetector:
         self.keyframe_errors = self._compare(self.backdrops, dynamic, 0).error
 
     def error_masks(self, tracks: list[PointTracks], frame: int, ignored: np.ndarray | None = None) -> ErrorMasks:
-        """Return masks [C, H, W] of the pixels that are wrong at a frame and were not wrong at the keyframe.
+        """Return masks [C, H, W] of pixels that are wrong at a frame and were not at the keyframe.
 
-        Args:
-            tracks: All tracks. Their last frame is `frame`.
-            frame: Frame to compare.
-            ignored: [A] bool, static points that are not drawn; None draws all remaining static points.
+        Static points `ignored` [A] are not drawn.
         """
         backdrops = self.backdrops if ignored is None else self._draw_backdrops(self.remaining & ~ignored)
         found = self._compare(backdrops, _points_at_last_frame(tracks), frame)
         return ErrorMasks(found.error & ~self.keyframe_errors, found.uncertain & ~self.keyframe_errors)
 
     def find_appeared(self, tracks: list[PointTracks], frame: int, masks: ErrorMasks) -> tuple[Gaussians, np.ndarray]:
-        """Find content that the views show at a frame and the scene lacks.
-
-        Args:
-            tracks: All tracks. Their last frame is `frame`.
-            frame: Frame to search.
-            masks: Result of `error_masks` for this frame.
-
-        Returns:
-            New points at the frame, and their approximate motion [M, 3], world units per frame.
-        """
+        """Return new points of content that the scene lacks at a frame, and their approximate motion [M, 3] per frame."""
         moving, tracker = _points_at_last_frame(tracks), self.tracker
         depths, here, first = tracker.depths(moving), tracker.frames[frame], moving.means[: len(tracks[0].points)]
         found = find_new_points(tracker.cameras, here, masks, depths, tracker.near, first, seed=frame)
@@ -186,11 +157,6 @@ class ChangeDetector:
         """Return [A] bool, the static points whose pixels are nearly all wrong at a frame.
 
         Motion masks at the keyframe miss content that is static for most of the group and then departs suddenly.
-
-        Args:
-            tracks: All tracks. Their last frame is `frame`.
-            frame: Frame to search.
-            masks: Result of `error_masks` for this frame.
         """
         moving, tracker = _points_at_last_frame(tracks), self.tracker
         departed = np.zeros(len(self.static), bool)
@@ -209,12 +175,7 @@ class ChangeDetector:
         return departed
 
     def track_departed(self, departed: np.ndarray, frame: int) -> PointTracks:
-        """Move static points to a new track, and track them from the last check up to a frame.
-
-        Args:
-            departed: [A] bool, static points that had not departed at the last check.
-            frame: Frame of this check.
-        """
+        """Move static points to a new track, and track them from the last check up to a frame."""
         self.remaining &= ~departed
         self.backdrops = self._draw_backdrops(self.remaining)
         self.tracker.set_occluders(Gaussians.concatenate([self.static[self.remaining], self.relit.points]))
@@ -245,12 +206,7 @@ def _points_at_last_frame(tracks: list[PointTracks]) -> Gaussians:
 
 @dataclass(frozen=True)
 class VelocityPrior:
-    """Velocities that one group passes to the next.
-
-    Attributes:
-        places: [N, 3] positions at the next group's keyframe.
-        motions: [N, 3] motion from the frame before, world units per frame.
-    """
+    """Velocities that one group passes to the next: `motions` [N, 3] per frame at `places` [N, 3] of the next keyframe."""
 
     places: np.ndarray
     motions: np.ndarray
@@ -262,15 +218,70 @@ class VelocityPrior:
         return cls(here, here - group.at(frame - 1).means)
 
     def at(self, places: np.ndarray, unit: float) -> np.ndarray:
-        """Return the velocity [M, 3] float32 of the nearest known point; zero if that point is too far away.
-
-        Args:
-            places: [M, 3] positions at the keyframe.
-            unit: Viewing distance, world units.
-        """
+        """Return the velocity [M, 3] float32 of the nearest known point; zero if that point is too far away."""
         motions = np.zeros((len(places), 3), np.float32)
         if len(self.places) and len(places):
             distances, nearest = (np.asarray(column) for column in KDTree(self.places).query(places))
             near = distances < SAME_POINT_DISTANCE * unit
             motions[near] = self.motions[nearest[near]]
         return motions
+
+
+LINK_DISTANCE = 3.0
+"""Points closer than this multiple of their size belong to one object."""
+MIN_POINTS = 8
+"""Minimum number of points of an object."""
+MAX_SAMPLES = 64
+"""Maximum number of points that are compared per object."""
+REACH, STEPS = 3.0, 4
+"""Range of the search, in multiples of the object's size (mean distance of its points from their center), and steps per range."""
+ROUNDS = 3
+"""Rounds in which the step is halved around the best place."""
+MAX_RESIDUAL = 0.6
+"""A shift must leave less than this share of the color difference without motion."""
+
+
+def large_displacements(
+    points: np.ndarray,
+    sizes: np.ndarray,
+    cameras: list[Camera],
+    here: np.ndarray,
+    there: np.ndarray,
+    depths: np.ndarray,
+    near: float,
+) -> np.ndarray:
+    """Return the motions [N, 3] float32 of new points between two moments; zero where no motion explains the images clearly better.
+
+    Optical flow misses fast, small content unless it starts from a guess. Each object, a connected cluster of points, is shifted
+    as a whole to places around it, up to three times its size away. The shift for which all views show the same colors is its
+    motion. `depths` [C, H, W] are of occluders at the first moment.
+    """
+    motions = np.zeros(points.shape, np.float32)
+    views = np.stack([c.viewmat for c in cameras]), np.stack([c.K for c in cameras]), here, there, depths, near
+    for members in _objects(points, sizes):
+        chosen = points[members]
+        size = float(np.linalg.norm(chosen - chosen.mean(0), axis=1).mean())
+        motions[members] = _displacement(chosen[:: -(-len(chosen) // MAX_SAMPLES)], size, views)
+    return motions
+
+
+def _objects(points: np.ndarray, sizes: np.ndarray) -> list[np.ndarray]:
+    """Return the indices of the points of each object: connected components of close points."""
+    if len(points) < MIN_POINTS:
+        return []
+    near = KDTree(points).sparse_distance_matrix(KDTree(points), LINK_DISTANCE * float(np.median(sizes)))
+    _, labels = connected_components(near, directed=False)
+    return [np.flatnonzero(labels == label) for label in np.flatnonzero(np.bincount(labels) >= MIN_POINTS)]
+
+
+def _displacement(points: np.ndarray, size: float, views: tuple) -> np.ndarray:
+    """Return the motion [3] of one object. views: the last arguments of `photo_consistency.color_differences`."""
+    grid = np.array(list(product(range(-STEPS, STEPS + 1), repeat=3)), np.float32)
+    none = best = np.zeros(3, np.float32)
+    step = REACH * size / STEPS
+    for _ in range(ROUNDS + 1):
+        tried = best + step * grid
+        best = tried[photo_consistency.color_differences(points, tried, *views).argmin()]
+        grid, step = grid[np.abs(grid).max(1) <= 1], step / 2
+    unmoved, moved = photo_consistency.color_differences(points, np.stack([none, best]), *views)
+    return best if moved < MAX_RESIDUAL * unmoved else none

@@ -10,13 +10,35 @@ import numpy as np
 from splatreel.config import GroupConfig
 from splatreel.kernels.splat import Splats
 from splatreel.method.deform.appearance import Appearance, detect_cuts
+from splatreel.method.deform.hashgrid import HashGrid
 from splatreel.method.deform.knot_adam import Restore, merge_snapshots
-from splatreel.method.deform.models import make_deformation
 from splatreel.method.deform.protocol import Deformation
+from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.render import View, deformed
 from splatreel.method.train.trainable_points import TrainablePoints
 from splatreel.method.train.training_images import TrainingImages
+
+MODELS = {"trajectory": Trajectory, "hashgrid": HashGrid}
+
+
+def make_deformation(
+    name: str,
+    means: np.ndarray,
+    frames: int,
+    unit: float,
+    seed: int,
+    tracks: np.ndarray | None,
+    fixed: np.ndarray | None,
+) -> Deformation:
+    """Create a model by its name in `MODELS`. Without points it is `trajectory`, which needs none.
+
+    It starts from `tracks` [T, N, 3], or at rest. Points that are `fixed` [N] bool never move. `unit` is the typical
+    viewing distance.
+    """
+    model = MODELS[name] if len(means) else Trajectory
+    return model(means, frames, unit, seed, tracks, fixed)
+
 
 CANONICAL_RATES = {
     "means": 3.6e-4,
@@ -32,13 +54,7 @@ keyframe, and added points are guesses."""
 
 @dataclass(frozen=True)
 class Changes:
-    """Difference from the keyframe at a moment.
-
-    Attributes:
-        dx: [N, 3] position offsets, world units.
-        dq: [N, 4] rotation offsets.
-        shade: [N, 4] as `Appearance.at`; None if appearance is fixed.
-    """
+    """Difference from the keyframe: dx [N, 3], dq [N, 4], and shade [N, 4] as `Appearance.at`; None if appearance is fixed."""
 
     dx: np.ndarray
     dq: np.ndarray
@@ -46,16 +62,9 @@ class Changes:
 
 
 class DynamicPoints:
-    """Dynamic points in three parts, whose rows are added and removed together.
-
-    Attributes:
-        canonical: Gaussians at the keyframe.
-        deformation: Motion.
-        appearance: Change of color and opacity; None if fixed.
-    """
+    """Dynamic points in three parts, whose rows are added and removed together. `appearance` is None if it is fixed."""
 
     def __init__(self, canonical: TrainablePoints, deformation: Deformation, appearance: Appearance | None) -> None:
-        """Combine the three parts, see the attributes."""
         self.canonical = canonical
         self.deformation = deformation
         self.appearance = appearance
@@ -105,11 +114,7 @@ class DynamicPoints:
         return merge_snapshots([part.snapshot() for part in self._parts])
 
     def check(self) -> None:
-        """Check all values.
-
-        Raises:
-            GaussiansError: If a value is NaN or infinite.
-        """
+        """Raise a `GaussiansError` if a value is NaN or infinite."""
         for part in self._parts:
             part.check()
 

@@ -1,4 +1,7 @@
-"""Training of a group (paper section 4.2): dynamic points and their deformation, fitted to all frames of one group."""
+"""Training of a group (paper section 4.2): dynamic points and their deformation, fitted to all frames of one group.
+
+`FrameSchedule` orders the images: progressive frame sampling (section 4.2), then rounds over all images.
+"""
 
 from __future__ import annotations
 
@@ -18,26 +21,121 @@ from splatreel.method.cameras.time_offsets import LearnedOffsets, TimeOffsets
 from splatreel.method.deform.knot_adam import Restore, merge_snapshots
 from splatreel.method.layering.lift import NEIGHBORS
 from splatreel.method.tracking.tracking import GroupStart
-from splatreel.method.train.cpu_group import CpuGroupProgram
+from splatreel.method.train.cpu_program import CpuGroupProgram
 from splatreel.method.train.density import GroupDensity
 from splatreel.method.train.dynamic_points import DynamicPoints
-from splatreel.method.train.frame_sampling import FrameSchedule
-from splatreel.method.train.gpu_group import group_program
-from splatreel.method.train.gpu_program import unsupported
-from splatreel.method.train.losses import GROUP, Terms, weight_of
+from splatreel.method.train.gpu_program import group_program, unsupported
+from splatreel.method.train.losses import GROUP, Terms, psnr, weight_of
 from splatreel.method.train.programs import MOST_DRAWS, Draw, GroupProgram, GroupState
 from splatreel.method.train.recovery import Recovery
-from splatreel.method.train.regularizers import Neighbors
-from splatreel.method.train.render import StaticCache
+from splatreel.method.train.render import StaticCache, draw
 from splatreel.method.train.terms.rigidity import Rigidity, choose_rank
 from splatreel.method.train.terms.smoothness import Smoothness, choose_span
+from splatreel.method.train.terms.term import Neighbors
 from splatreel.method.train.trainable_points import sigmoid
 from splatreel.method.train.training_images import TrainingImages
-from splatreel.method.train.training_psnr import training_psnr
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import Group, GroupSpan
-from splatreel.scene.static_points import StaticPoints
 from splatreel.scene.volumes import Volume
+
+LEAST_PER_ROUND, MOST_PER_ROUND = 0.5, 3.0
+"""Range of how often a frame is drawn per round."""
+
+
+class FrameSchedule:
+    """Sampler of frames and cameras.
+
+    Frames are added in temporal order over the first `progressive` share of training. Meanwhile a third of the draws goes to
+    the last three frames, which have the largest error. After that every image is drawn about once per round, in random order;
+    frames with a larger loss in earlier rounds are drawn more often.
+    """
+
+    FRONTIER_SHARE = 0.35
+    FRONTIER_FRAMES = 3
+
+    def __init__(self, available: np.ndarray, iterations: int, progressive: float, seed: int) -> None:
+        """Create a schedule.
+
+        `available` [T, C]: images that exist; every frame has one. Frames are added over the share `progressive`.
+        """
+        self.available = available
+        self.frames, self.cameras = available.shape
+        self.warm = progressive * iterations
+        self.rng = np.random.default_rng(seed)
+        self._round: list[int] = []
+        self._losses = np.full(available.shape, np.nan, np.float32)
+
+    def frontier(self, iteration: int) -> int:
+        """Return the last frame that may be drawn: floor(T n / N) of the paper."""
+        if iteration >= self.warm:
+            return self.frames - 1
+        return min(self.frames - 1, int(self.frames * iteration / self.warm))
+
+    def waits_for_losses(self, iteration: int) -> bool:
+        """Return whether the draw of an iteration depends on the losses of all draws before it: at the start of a round."""
+        return iteration >= self.warm and not self._round
+
+    def draw(self, iteration: int) -> tuple[int, int]:
+        """Return the frame and the camera of an iteration. Missing images are drawn again."""
+        while True:
+            frame, camera = self._draw(iteration)
+            if self.available[frame, camera]:
+                return frame, camera
+
+    def _draw(self, iteration: int) -> tuple[int, int]:
+        """Return a frame and a camera whose image may be missing."""
+        if iteration < self.warm:
+            return self._near(self.frontier(iteration)), int(self.rng.integers(self.cameras))
+        if not self._round:
+            copies = np.floor(
+                np.repeat(self.draws_per_round(), self.cameras) + self.rng.random(self.frames * self.cameras)
+            )
+            images = np.repeat(np.arange(self.frames * self.cameras), copies.astype(np.int64))
+            self._round = self.rng.permutation(images).tolist() or [int(self.rng.integers(self.frames * self.cameras))]
+        return divmod(self._round.pop(), self.cameras)
+
+    def record_loss(self, frame: int, camera: int, loss: float) -> None:
+        """Record the loss of an image."""
+        self._losses[frame, camera] = loss
+
+    def draws_per_round(self) -> np.ndarray:
+        """Return how often each frame is drawn per round, [T], mean 1: its loss relative to other frames of the same cameras."""
+        losses = self._losses.astype(np.float64)
+        seen = np.isfinite(losses)
+        mean = np.where(seen, losses, 0).sum(0) / np.maximum(seen.sum(0), 1)
+        relative = np.where(seen, losses / np.maximum(mean, 1e-12), 0).sum(1) / np.maximum(seen.sum(1), 1)
+        share = np.where(seen.any(1), np.clip(relative, LEAST_PER_ROUND, MOST_PER_ROUND), 1.0)
+        return share / share.mean()
+
+    def _near(self, last: int) -> int:
+        if self.rng.random() < self.FRONTIER_SHARE:
+            return max(0, last - int(self.rng.integers(self.FRONTIER_FRAMES)))
+        return int(self.rng.integers(last + 1))
+
+
+SAMPLES = 12
+"""Training images over which the PSNR of a group is averaged."""
+
+
+def training_psnr(
+    points: DynamicPoints,
+    static: StaticCache,
+    images: TrainingImages,
+    gains: np.ndarray,
+    time_offsets: TimeOffsets,
+    available: np.ndarray,
+) -> float:
+    """Return the mean PSNR, dB, over a few training images spread over frames and cameras. `available` [T, C]: images that exist."""
+    values = []
+    for k in range(SAMPLES):
+        frame = k * (images.count - 1) // (SAMPLES - 1)
+        cameras = np.flatnonzero(available[frame])
+        camera = int(cameras[(k * 7) % len(cameras)])
+        view, moment = images.views[camera], time_offsets.moment(frame, camera, images.count)
+        image, _ = draw(points.at(moment, view, images.near), view, static.view(camera))
+        values.append(psnr(image * gains[camera], images.pixels[frame, camera]))
+    return float(np.mean(values))
+
 
 GIVE_BACK_EVERY = 50
 """Iterations between two releases of image pages. Every iteration reads one image, so all of them accumulate in memory."""
@@ -50,7 +148,6 @@ class GroupResult:
     """Result of a group's training.
 
     Attributes:
-        dynamic: Canonical points.
         dx: [T, N, 3] position offsets at every frame, world units.
         dq: [T, N, 4] rotation offsets at every frame.
         alive: [S] bool, static points that are still static.
@@ -72,14 +169,7 @@ class GroupResult:
 
 
 def group_result(points: DynamicPoints, frames: int, alive: np.ndarray, offsets: LearnedOffsets | None) -> GroupResult:
-    """Collect a group's points and their changes at every frame as arrays.
-
-    Args:
-        points: Trained points.
-        frames: Number of frames, T.
-        alive: [S] bool, static points that are still static.
-        offsets: Learned time offsets; None if they are not learned.
-    """
+    """Collect a group's points and their changes at every frame as arrays. `alive` [S]: static points that are still static."""
     changes = [points.changes(frame) for frame in range(frames)]
     dx, dq = np.stack([c.dx for c in changes]), np.stack([c.dq for c in changes])
     logits = points.canonical.params["logit_opacities"]
@@ -94,12 +184,7 @@ def _shade(shade: np.ndarray, logits: np.ndarray) -> np.ndarray:
 
 
 class GroupTrainer:
-    """Trainer of one group. Static points stay frozen unless density control makes them dynamic (paper section 4.1).
-
-    Attributes:
-        images: Images in use, smaller ones at first.
-        larger_images: Images of larger sizes, each with the iteration at which its use begins.
-    """
+    """Trainer of one group. Static points stay frozen unless density control makes them dynamic (paper section 4.1)."""
 
     def __init__(
         self,
@@ -119,19 +204,9 @@ class GroupTrainer:
     ) -> None:
         """Prepare the training of a group.
 
-        Args:
-            images: Training images at full size.
-            start: Initial state.
-            static: Static points.
-            config: Settings.
-            gains: Color gains of the cameras.
-            time_offsets: Time offsets of the cameras, to be refined; None if all cameras are synchronized.
-            may_move: [S] bool, static points that density control may make dynamic; None allows all living points.
-            seed: Seed of all random choices.
-            missing: [T, C] bool, images that are not trained on; None trains on all.
-            region: Volume in which points are cloned; None is everywhere.
-            gpu: GPU that runs the iterations; None runs them on the CPU.
-            losses: List of terms; None is `losses.GROUP`.
+        `may_move` [S] are the static points that density control may make dynamic; None allows all living ones. Images
+        of `missing` [T, C] are not trained on. Points are cloned within `region` only. `losses` is a list of terms;
+        None is `losses.GROUP`.
         """
         group = config.group
         self.config = config
@@ -191,15 +266,7 @@ class GroupTrainer:
         return self._run([self.plan(iteration)])
 
     def _iterate(self, iteration: int, progress: Progress) -> int:
-        """Run iterations until something is due, and the actions that are due after them.
-
-        Returns:
-            Number of finished iterations.
-
-        Raises:
-            GaussiansError: A value is NaN or infinite.
-            GpuError: The GPU was lost, or has too little memory.
-        """
+        """Run iterations until something is due, and the actions that are due after them. Return the number of finished iterations."""
         self._choose_images(iteration)
         draws = [self.plan(iteration)]
         while len(draws) < self._most_draws() and not self._stops(iteration + len(draws)):
@@ -245,14 +312,12 @@ class GroupTrainer:
         return done
 
     def _upload(self) -> None:
-        """Give the state to the program."""
         if self.program is not None:
             self.program.neighbors = self.neighbors
             self.program.images = self.images
             self.program.upload()
 
     def _download(self) -> None:
-        """Take the state from the program."""
         if self.program is not None:
             self.program.give_meters()
             self.program.download()
@@ -324,11 +389,7 @@ class GroupTrainer:
         return restore
 
     def check(self) -> None:
-        """Check all values.
-
-        Raises:
-            GaussiansError: If a value is NaN or infinite.
-        """
+        """Raise a `GaussiansError` if a value is NaN or infinite."""
         self.points.check()
 
     def find_neighbors(self) -> None:

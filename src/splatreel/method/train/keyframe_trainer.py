@@ -1,9 +1,12 @@
-"""Training of a keyframe with 3DGS, from sparse points or from the previous group (paper section 5.1)."""
+"""Training of a keyframe with 3DGS, from sparse points or from the previous group (paper section 5.1).
+
+The result is the running mean of the last iterations (`Average`).
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 
@@ -17,22 +20,63 @@ from splatreel.kernels import splat
 from splatreel.kernels.splat import Splats
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.knot_adam import Restore, merge_snapshots
-from splatreel.method.train.average import Average
-from splatreel.method.train.cpu_keyframe import CpuKeyframeProgram
-from splatreel.method.train.density import KeyframeDensity
-from splatreel.method.train.error_points import ADDED_SHARE, adds_after, points_at_errors
-from splatreel.method.train.gpu_keyframe import keyframe_program
-from splatreel.method.train.gpu_program import unsupported
-from splatreel.method.train.hidden_colors import spread_colors
+from splatreel.method.train.cpu_program import CpuKeyframeProgram
+from splatreel.method.train.density import ADDED_SHARE, KeyframeDensity, OpacityResets, adds_after, points_at_errors
+from splatreel.method.train.gpu_program import keyframe_program, unsupported
 from splatreel.method.train.losses import GROWTH, KEYFRAME, Terms, psnr
-from splatreel.method.train.opacity_resets import OpacityResets
 from splatreel.method.train.programs import MOST_DRAWS, KeyframeDraw, KeyframeProgram, KeyframeState
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.render import StaticCache, View, deformed, draw
+from splatreel.method.train.subject import spread_colors
 from splatreel.method.train.trainable_points import NAMES, TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import C0, Gaussians
 from splatreel.scene.volumes import Volume
+
+AVERAGE_EVERY = 4
+"""Iterations between two samples of the mean. Neighboring iterations hardly differ."""
+
+
+class Average:
+    """Running mean of arrays over the last `share` of the iterations. Programs compute it from the weights of its samples.
+
+    Source:
+        Polyak averaging; for networks, Izmailov et al. 2018.
+    """
+
+    def __init__(self, share: float, iterations: int) -> None:
+        self.after = iterations - round(share * iterations)
+        self._means: list[np.ndarray] = []
+        self._count = 0
+
+    def has_begun(self, done: int) -> bool:
+        """Return whether averaging has begun. done: number of finished iterations."""
+        return done > self.after
+
+    def restart(self) -> None:
+        """Forget all samples, after rows were added or removed."""
+        self._means = []
+        self._count = 0
+
+    def next_weight(self, done: int) -> float:
+        """Count the values after an iteration. Return their weight in the mean; 0 if they are not a sample."""
+        if not self.has_begun(done) or done % AVERAGE_EVERY:
+            return 0.0
+        self._count += 1
+        return 1 / self._count
+
+    def set_means(self, means: list[np.ndarray]) -> None:
+        """Take over means that a program computed; does nothing without samples."""
+        if self._count:
+            self._means = means
+
+    def write_to(self, arrays: Iterable[np.ndarray]) -> None:
+        """Write the mean to the arrays, if it has their shapes."""
+        now = list(arrays)
+        if [mean.shape for mean in self._means] == [array.shape for array in now]:
+            for array, mean in zip(now, self._means, strict=True):
+                array[:] = mean
+
 
 SHOW_EVERY = 24
 """Iterations between two progress updates. It is even, so that iterations run in pairs."""
@@ -46,7 +90,6 @@ class KeyframeResult:
     """Result of a keyframe's training.
 
     Attributes:
-        points: Gaussians of the keyframe.
         gains: [C, 3] float32, learned color gains of the cameras.
         alive: [S] bool, static points that the first keyframe of a chapter keeps; None for all other keyframes, which keep all.
     """
@@ -57,17 +100,7 @@ class KeyframeResult:
 
 
 def starting_points(positions: np.ndarray, colors: np.ndarray, config: KeyframeConfig, unit: float) -> TrainablePoints:
-    """Create Gaussians at sparse points, as large as the distance to their neighbors.
-
-    Args:
-        positions: [P, 3] world.
-        colors: [P, 3] 0..1.
-        config: Keyframe settings.
-        unit: Typical viewing distance, world units.
-
-    Source:
-        3DGS, section 5.1.
-    """
+    """Create Gaussians at sparse points [P, 3] with colors 0..1, as large as the distance to their neighbors (3DGS, section 5.1)."""
     points = np.asarray(positions, np.float32)
     count, neighbors = len(points), min(3, len(points) - 1)
     if neighbors > 0:
@@ -104,18 +137,10 @@ class KeyframeTrainer:
         region: Volume | None = None,
         gpu: SharedGpu | None = None,
     ) -> None:
-        """Prepare the training of a keyframe.
+        """Prepare the training of a keyframe, in front of frozen `static` points.
 
-        Args:
-            points: Points to train.
-            gains: Color gains of the cameras, trained too.
-            config: Keyframe settings.
-            static: Frozen static points; None if there are none.
-            max_points: Maximum number of points.
-            losses: List of terms; None is `losses.KEYFRAME`.
-            seed: Seed of all random choices.
-            region: Volume in which points are densified; None is everywhere.
-            gpu: GPU that runs the iterations; None runs them on the CPU.
+        `losses` is a list of terms; None is `losses.KEYFRAME`. Points are densified within `region` only. The color
+        gains are trained too. Without a GPU, the iterations run on the CPU.
         """
         self.points = points
         self.gains = gains
@@ -229,7 +254,6 @@ class KeyframeTrainer:
         return loss
 
     def _stops(self, done: int, total: int, end: int, average: Average) -> bool:
-        """Return whether a batch of the program ends after `done` iterations."""
         return done % SHOW_EVERY == 0 or self._needs_host(done, total, end, average)
 
     def _needs_host(self, done: int, total: int, end: int, average: Average) -> bool:
@@ -256,11 +280,7 @@ class KeyframeTrainer:
         return merge_snapshots([self.points.snapshot(), self.gains.snapshot()])
 
     def check(self) -> None:
-        """Check all values.
-
-        Raises:
-            GaussiansError: If a value is NaN or infinite.
-        """
+        """Raise a `GaussiansError` if a value is NaN or infinite."""
         self.points.check()
         splat.check_finite(gains=self.gains.values)
 
@@ -297,7 +317,6 @@ class KeyframeTrainer:
         return StaticCache(self.static, images.all_views, images.near)
 
     def _compares_all(self, images: TrainingImages, iteration: int) -> bool:
-        """Return whether an iteration compares the whole image."""
         shows = (iteration + 1) % SHOW_EVERY == 0
         return shows or iteration % GAINS_EVERY == 0 or images.unknown is not None
 

@@ -21,9 +21,6 @@ from splatreel.method.train.terms.surfaces import Roughness, Spread
 from splatreel.method.train.terms.term import Moment, Term, due_terms, sum_of_weights
 from splatreel.method.train.terms.view_dependence import ViewDependence
 
-LAMBDA_DSSIM = 0.2
-"""Weight of structural similarity in the photometric loss of keyframes, as in 3DGS."""
-
 GROWTH = 0.6
 """Share of a keyframe's iterations in which points are added. Opacities cost something only after that, since it hinders
 growth."""

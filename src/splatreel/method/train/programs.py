@@ -17,10 +17,10 @@ from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.train.density import GroupDensity, KeyframeDensity
 from splatreel.method.train.dynamic_points import DynamicPoints
 from splatreel.method.train.losses import Terms
-from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.render import StaticCache
 from splatreel.method.train.terms.photometric import Photometric
 from splatreel.method.train.terms.surfaces import Roughness, Spread
+from splatreel.method.train.terms.term import Neighbors
 from splatreel.method.train.trainable_points import TrainablePoints
 from splatreel.method.train.training_images import TrainingImages
 
@@ -33,12 +33,9 @@ class Draw:
     """All that varies between the iterations of a group.
 
     Attributes:
-        iteration: Number of the iteration.
         share: Share of training that is over, 0..1.
         pace: Factor for the learning rates.
-        frame: Frame to draw.
         last: Last frame that the schedule may draw so far.
-        camera: Camera to draw.
         moment: Time of the image, in frames of the group.
         whole: The whole image is compared; otherwise the tiles that moving points touch.
         metered: The gradients of moving points are measured.
@@ -66,9 +63,6 @@ class KeyframeDraw:
     """All that varies between the iterations of a keyframe.
 
     Attributes:
-        iteration: Number of the iteration.
-        share: Share of training that is over, 0..1.
-        camera: Camera to draw.
         whole: The whole image is compared, and the color gains are learned.
         metered: The gradients of points are measured.
         average: Weight of the result in the running mean; 0 if the iteration is not a sample of it.
@@ -85,17 +79,7 @@ class KeyframeDraw:
 
 
 class KeyframeState(NamedTuple):
-    """Points and images that a program of a keyframe trains, and its settings.
-
-    Attributes:
-        points: Points of the host.
-        static: Static points; None if there are none.
-        density: Density control.
-        images: Images.
-        config: Settings.
-        losses: List of terms.
-        gains: Color gains, trained too.
-    """
+    """Points, images and color gains that a program of a keyframe trains, and its settings."""
 
     points: TrainablePoints
     static: StaticCache | None
@@ -121,17 +105,7 @@ class KeyframeState(NamedTuple):
 
 
 class GroupState(NamedTuple):
-    """Points and images that a program of a group trains, and its settings.
-
-    Attributes:
-        points: Points of the host.
-        density: Density control, which knows the static points.
-        images: Images.
-        config: Settings.
-        losses: List of terms.
-        gains: Color gains, which stay fixed.
-        learns_time: Slopes of the time offsets are measured.
-    """
+    """Points and images that a program of a group trains, and its settings. The gains stay fixed; `density` knows the static points."""
 
     points: DynamicPoints
     density: GroupDensity
@@ -146,7 +120,7 @@ class GroupState(NamedTuple):
         """Reason why the kernels of GPUs cannot train the motion of the group; None if they can."""
         model = self.points.deformation
         if not isinstance(model, Trajectory):
-            return "the hash grid runs on the CPU or with CUDA"
+            return "the hash grid is trained on the CPU only"
         if model.reached < model.knots - 1:
             return "groups without tracks are trained on the CPU or with CUDA"
         return terms_without_kernels(self.losses)
@@ -215,7 +189,6 @@ class GroupProgram(Program[Draw], Protocol):
     Attributes:
         images: Images in use, set before `upload`.
         neighbors: Nearest neighbors, set before `upload`; None for fewer than two points.
-        learns_time: Slopes of the time offsets are measured.
     """
 
     images: TrainingImages

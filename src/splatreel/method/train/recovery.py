@@ -26,11 +26,7 @@ class Training(Protocol):
         ...
 
     def check(self) -> None:
-        """Check all values.
-
-        Raises:
-            GaussiansError: If a value is NaN or infinite.
-        """
+        """Raise a `GaussiansError` if a value is NaN or infinite."""
         ...
 
 
@@ -45,7 +41,6 @@ class Recovery:
     """
 
     def __init__(self) -> None:
-        """Start without a saved state, at pace 1."""
         self.pace = 1.0
         self._attempts = 0
         self._failed = 0
@@ -63,16 +58,7 @@ class Recovery:
         self._restore = None
 
     def check_iteration(self, done: int, loss: float, training: Training) -> None:
-        """Check an iteration, and save the state if due.
-
-        Args:
-            done: Number of finished iterations.
-            loss: Loss of the last iteration.
-            training: The training.
-
-        Raises:
-            GaussiansError: If a value is NaN or infinite.
-        """
+        """Raise a `GaussiansError` if an iteration gave NaN or infinity, and save the state if due."""
         if not math.isfinite(loss):
             raise GaussiansError(f"the training error is {loss}")
         if done >= self.next_save:
@@ -86,15 +72,9 @@ class Recovery:
         return self._done + KEEP_EVERY
 
     def leave_gpu(self, gpu: SharedGpu, error: GpuError, progress: Progress) -> int:
-        """Return to the last good state, to continue on the CPU at the same learning rates.
+        """Return to the last good state, to continue on the CPU at the same rates. Return the number of iterations done in it.
 
-        Args:
-            gpu: GPU that failed. No training of this process uses it any more.
-            error: The error that was raised.
-            progress: Receives a note.
-
-        Returns:
-            Number of iterations that are done in the restored state.
+        No training of this process uses the GPU that failed any more.
         """
         gpu.fail(error)
         if self._restore is not None:
@@ -104,18 +84,10 @@ class Recovery:
         return self._done
 
     def restore(self, failed: int, error: GaussiansError, progress: Progress) -> int:
-        """Restore the last good state and lower the learning rates.
+        """Restore the last good state and lower the learning rates. Return the number of iterations done in it.
 
-        Args:
-            failed: Iteration after which NaN or infinity was found.
-            error: The error that was raised.
-            progress: Receives a note.
-
-        Returns:
-            Number of iterations that are done in the restored state.
-
-        Raises:
-            ReconstructionError: After too many recoveries.
+        Too many recoveries raise a `ReconstructionError`. `failed` is the iteration after which NaN or infinity was
+        found.
         """
         if self._attempts == ATTEMPTS:
             raise ReconstructionError(

@@ -27,8 +27,6 @@ class View:
         viewmat: [4, 4] world to camera.
         K: [3, 3] intrinsics, pixels.
         center: [3] camera position, world units.
-        width: Image width, pixels.
-        height: Image height, pixels.
         antialias: Draw as `splat.antialiased` describes.
         clear: Depth up to which no static point is drawn (`Clearance`), world units.
         background: [3] color behind all points, 0..1; None is black.
@@ -102,12 +100,6 @@ def relative_distances(means: np.ndarray, views: list[View], unit: float, reach:
     """Return the distance [N] of points to the nearest view, in viewing distances, clamped to 1..reach.
 
     Step sizes and size limits of far points are scaled by it. In pixels they are then the same at any distance.
-
-    Args:
-        means: [N, 3] positions.
-        views: Training views.
-        unit: Typical viewing distance, world units.
-        reach: Largest distance returned.
     """
     squares = np.full(len(means), np.inf, np.float32)
     for view in views:
@@ -124,12 +116,8 @@ def deformed(
 ) -> Splats:
     """Deform points, project them and compute their colors, which are relative to the background (paper section 4.2).
 
-    Args:
-        params: Unconstrained arrays, as in `TrainablePoints`.
-        offsets: dx [N, 3] and dq [N, 4] of any length. The result has means x + dx and quats q * dq. None: no motion.
-        shade: [N, 4], added to c_base and to the logit of the opacity. None: no change.
-        view: View to project to.
-        near: Near plane, world units.
+    `offsets` are dx [N, 3] and dq [N, 4]; the result has means x + dx and quats q * dq. `shade` [N, 4] is added to
+    c_base and to the logit of the opacity.
 
     Raises:
         GaussiansError: If a value is NaN or infinite.
@@ -147,13 +135,6 @@ class StaticCache:
     """Frozen static points. Each view projects, colors and sorts them once."""
 
     def __init__(self, gaussians: Gaussians, views: list[View], near: float) -> None:
-        """Store static points, all of them living.
-
-        Args:
-            gaussians: S static points.
-            views: Views to draw.
-            near: Near plane, world units.
-        """
         self.views = views
         self.near = near
         self.params = to_params(gaussians)

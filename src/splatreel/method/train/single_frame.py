@@ -10,14 +10,13 @@ from splatreel.base.progress import Progress, Silent
 from splatreel.config import Config
 from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
-from splatreel.method.init.hull_surface import close_surface
-from splatreel.method.init.initial_points import InitialPoints, initial_points, near_plane
+from splatreel.method.init.initial_points import InitialPoints, close_surface, initial_points, near_plane
 from splatreel.method.init.layout import Layout, border_color, measure
 from splatreel.method.init.visual_hull import VisualHull, is_sparse, without_background
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer, starting_points
 from splatreel.method.train.losses import Terms
-from splatreel.method.train.opposite_backgrounds import with_opposite
 from splatreel.method.train.render import View
+from splatreel.method.train.subject import with_opposite
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
@@ -28,12 +27,7 @@ LOW_PSNR = 20.0
 
 @dataclass(frozen=True)
 class Subject:
-    """The subject that masks show.
-
-    Attributes:
-        alpha: [C, H, W] uint8, its opacity in the images of the first frame.
-        backgrounds: Color behind the subject in the images of each camera, 0..1.
-    """
+    """The subject that masks show: its opacity [C, H, W] uint8 in the first frame, and the color behind it by camera, 0..1."""
 
     alpha: np.ndarray
     backgrounds: dict[str, tuple[float, float, float]]
@@ -54,17 +48,8 @@ def reconstruct_single_frame(
 ) -> tuple[Gaussians, Layout]:
     """Reconstruct one frame as a static scene, like the first keyframe of a run (paper section 5.1). It is not encoded.
 
-    Args:
-        cameras: Training cameras.
-        images: [C, H, W, 3] uint8 of the training cameras.
-        config: Settings.
-        points: [P, 3] sparse points of this frame; None triangulates them.
-        point_colors: [P, 3] 0..1, colors of `points`.
-        near: Minimum distance of content from a camera, world units.
-        subject: What masks show, if there are any.
-        gpu: GPU that runs the iterations; None runs them on the CPU.
-        losses: List of terms; None is `losses.KEYFRAME`.
-        progress: Receives one step per iteration.
+    `points` [P, 3] are sparse points of this frame; None triangulates them. `subject` is what masks show. `losses` is a
+    list of terms; None is `losses.KEYFRAME`.
 
     Raises:
         ReconstructionError: If images and cameras do not match.
@@ -122,18 +107,7 @@ def first_keyframe_trainer(
     gpu: SharedGpu | None = None,
     losses: Terms | None = None,
 ) -> KeyframeTrainer:
-    """Create a trainer of all points of a frame.
-
-    Args:
-        positions: [P, 3] world.
-        colors: [P, 3] 0..1.
-        layout: Measures of the scene.
-        cameras: Training cameras.
-        gains: Color gains.
-        config: Settings.
-        gpu: GPU that runs the iterations; None runs them on the CPU.
-        losses: List of terms; None is `losses.KEYFRAME`.
-    """
+    """Create a trainer of all points of a frame."""
     keyframe = config.keyframe
     points = starting_points(positions, colors, keyframe, layout.unit)
     pixels = cameras[0].width * cameras[0].height
@@ -158,17 +132,8 @@ def train_frame(
 ) -> None:
     """Train on one frame, first at smaller sizes (`TrainingImages.sizes`).
 
-    Args:
-        trainer: Trainer of the points.
-        cameras: Training cameras.
-        images: [C, H, W, 3] uint8.
-        layout: Measures of the scene.
-        iterations: Iterations of training.
-        coarse_share: Share of the iterations at half size.
-        config: Settings.
-        progress: Receives the current iteration.
-        unknown: [C, H, W] bool, pixels without a valid value; None if all are valid.
-        alpha: [C, H, W] uint8, opacity of a subject before few cameras; None for all others.
+    `unknown` [C, H, W] are pixels without a valid value. `alpha` [C, H, W] uint8 is the opacity of a subject before few
+    cameras.
     """
     views = [
         View.of(camera, config.antialias, layout, gain)

@@ -22,12 +22,7 @@ class TrainablePoints:
     """
 
     def __init__(self, params: Mapping[str, np.ndarray], rates: Mapping[str, float]) -> None:
-        """Copy unconstrained arrays.
-
-        Args:
-            params: Arrays by name, see `params`.
-            rates: Learning rates by name.
-        """
+        """Copy unconstrained arrays by name, see `params`, with their learning rates."""
         self.base_rates = dict(rates)
         self.adams = {name: Adam(params[name], rates[name], eps=1e-15) for name in NAMES}
 
@@ -42,11 +37,7 @@ class TrainablePoints:
 
     @property
     def params(self) -> dict[str, np.ndarray]:
-        """Unconstrained arrays by name.
-
-        They are means [N, 3], quats [N, 4], log_scales [N, 3], logit_opacities [N], sh_base [N, 1, 3] and sh_rest [N, K - 1,
-        3].
-        """
+        """Means [N, 3], quats [N, 4], log_scales [N, 3], logit_opacities [N], sh_base [N, 1, 3] and sh_rest [N, K - 1, 3] by name."""
         return {name: adam.parameter for name, adam in self.adams.items()}
 
     @property
@@ -107,11 +98,7 @@ class TrainablePoints:
         return merge_snapshots([adam.snapshot() for adam in self.adams.values()])
 
     def check(self) -> None:
-        """Check all values.
-
-        Raises:
-            GaussiansError: If a value is NaN or infinite.
-        """
+        """Raise a `GaussiansError` if a value is NaN or infinite."""
         splat.check_finite(**self.params)
 
     def gaussians(self) -> Gaussians:
@@ -148,11 +135,8 @@ def to_gaussians(params: Mapping[str, np.ndarray]) -> Gaussians:
 def default_rates(unit: float, pace: float = 1.0) -> dict[str, float]:
     """Return the learning rates of 3DGS times a pace.
 
-    The higher SH bands keep their rate. At a higher rate they overfit the training cameras.
-
-    Args:
-        unit: Typical viewing distance, world units. The rate of positions is relative to it.
-        pace: Factor for all other rates.
+    The higher SH bands keep their rate. At a higher rate they overfit the training cameras. The rate of positions is
+    relative to `unit`, the typical viewing distance.
     """
     return {
         "means": pace * 2.2e-4 * unit,

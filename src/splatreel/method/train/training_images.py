@@ -18,9 +18,6 @@ class TrainingImages:
 
     Attributes:
         pixels: [T, C, H, W, 3] uint8. A keyframe has T = 1.
-        views: C views.
-        near: Near plane, world units.
-        unit: Typical viewing distance, world units.
         unknown: [T, C, H, W] bool, pixels without a valid value; None if all are valid.
         array: The array of `frame_array` that `pixels` is a view of, if there is one.
         opposite: The same images over the opposite backgrounds, for a subject before few cameras; None for all others.
@@ -51,13 +48,9 @@ class TrainingImages:
         return self.opposite, len(self.views)
 
     def target(self, frame: int, camera: int, drawn: np.ndarray, gain: np.ndarray | None) -> np.ndarray:
-        """Return a target image [H, W, 3] uint8. Unknown pixels repeat the drawing, so that they cause no loss.
+        """Return a target image [H, W, 3] uint8.
 
-        Args:
-            frame: Number of the frame.
-            camera: Number of the camera.
-            drawn: [H, W, 3] current drawing, 0..1, before the color gain.
-            gain: [3] color gain of the camera; None is 1.
+        Unknown pixels repeat the drawing before the color gain, so that they cause no loss.
         """
         image = self.pixels[frame, camera]
         if self.unknown is None:
@@ -69,10 +62,7 @@ class TrainingImages:
     def sizes(self, iterations: int, coarse_share: float, afforded: float) -> list[tuple[int, TrainingImages]]:
         """Return the resolutions that training uses, smallest first, each with the iteration at which its use ends.
 
-        Args:
-            iterations: Iterations of training.
-            coarse_share: Share of the iterations at half size.
-            afforded: See `Config.training_megapixels`.
+        Images are at half size for the share `coarse_share`. For `afforded` see `Config.training_megapixels`.
         """
         *_, height, width, _ = self.pixels.shape
         sizes, shown = [], self
@@ -111,13 +101,8 @@ class TrainingImages:
 def size_ends(megapixels: float, coarse_share: float, afforded: float) -> list[float]:
     """Return the shares of training at which the use of images halved 0, 1, 2 times and so on ends.
 
-    Large images use each size for the iterations that are afforded. The smallest of these sizes then counts as full size, which
-    the coarse iterations halve.
-
-    Args:
-        megapixels: Size of the images.
-        coarse_share: Share of training at half size.
-        afforded: See `Config.training_megapixels`; 0 means no limit.
+    Large images use each size for the iterations that are afforded. The smallest of these sizes then counts as full
+    size, which the coarse iterations halve. For `afforded` see `Config.training_megapixels`; 0 means no limit.
     """
     ends = [1.0]
     while afforded and (share := afforded / megapixels) < ends[-1] - coarse_share:

@@ -1,12 +1,19 @@
-"""Reconstruction of a growing capture to a live reel. Each group is written as soon as it is trained."""
+"""Reconstruction of a growing capture to a live reel. Each group is written as soon as it is trained.
+
+Renewal: at each epoch all static layers retire together, and their living points are written again. Without this renewal, a late
+viewer would have to download every static Gaussian ever created. Retention: groups outside a window are deleted from the reel and
+the checkpoints.
+"""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import Queue
+from typing import Literal
 
 import numpy as np
 
@@ -18,40 +25,210 @@ from splatreel.codec.encoder import EncodedLayer
 from splatreel.codec.predictive.precision import STEPS
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
-from splatreel.config.records import with_former_defaults
-from splatreel.method.algorithm import Handover
+from splatreel.config.presets import DRAFT
+from splatreel.config.settings import changed, with_former_defaults
+from splatreel.method.algorithm import FirstGroup, NextGroup, Start
 from splatreel.method.cameras.rig import Rig
-from splatreel.method.encode.compression import CompressedGroup, CompressedLayer
-from splatreel.method.encode.importance import group_importance, weigh
+from splatreel.method.encode.compression import CompressedGroup, CompressedLayer, group_importance, weigh
 from splatreel.method.init.layout import Layout
 from splatreel.run.device_choice import largest_buffer, pick_gpu
 from splatreel.run.groups import restore_group, run_group
 from splatreel.run.job import Job
-from splatreel.run.live.lateness import Lateness, WhenLate
 from splatreel.run.live.live_soundtrack import LiveSoundtrack
-from splatreel.run.live.retention import (
-    EPOCH,
-    Window,
-    first_kept,
-    load_rig,
-    retirement_group,
-    save_epochs,
-    starts_epoch,
-    static_before,
-    trained_points,
-)
-from splatreel.run.memory import check_memory
 from splatreel.run.output.group_output import Output, ReelOutput
 from splatreel.run.output.group_writer import GroupWriter, PresentationHook, no_presentation, open_writer
 from splatreel.run.pipeline import Result
 from splatreel.run.preparation import prepare, save_header
-from splatreel.run.requirements import check_capture, check_networks
-from splatreel.run.run_lock import RunLock
-from splatreel.run.run_record import recorded_settings, run_record
-from splatreel.run.store import Store
-from splatreel.scene.gaussians import Gaussians
+from splatreel.run.requirements import check_capture, check_memory, check_networks
+from splatreel.run.run_folder import RunLock, recorded_settings, run_record
+from splatreel.run.store import Store, load_arrays, save_arrays
+from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import Group, GroupSpan, group_spans
-from splatreel.scene.static_points import StaticPoints
+
+WhenLate = Literal["wait", "draft", "skip"]
+"""wait: reconstruct every group in order, with growing latency. draft: use draft settings until caught up. skip: skip groups."""
+
+DRAFT_SETTINGS = ("keyframe.refine_iterations", "group.iterations_per_frame")
+"""Settings of later groups that draft lowers."""
+
+
+class Lateness:
+    """Latency of a live run. It is late if another group's frames exist before a group begins, and caught up if none do.
+
+    Attributes:
+        when_late: Reaction to lateness.
+        length: Length of a group, seconds.
+        late: Whether the run is late.
+    """
+
+    def __init__(self, config: Config, when_late: WhenLate, length: float, progress: Progress) -> None:
+        self.config = config
+        self.when_late = when_late
+        self.length = length
+        self._progress = progress
+        self.late = False
+        self._draft = drafted(config)
+
+    def settings(self, group: int, behind: float) -> Config:
+        """Return the settings of a group, and report a change of lateness.
+
+        Args:
+            group: Number of the group.
+            behind: Seconds of video that exist after the end of the group.
+        """
+        if not self.late and behind > self.length:
+            self.late = True
+            self._progress.note(
+                f"Too slow: group {group + 1} starts {behind:.1f} s late{self._advice()} (--when-late {self.when_late})."
+            )
+        elif self.late and behind == 0:
+            self.late = False
+            self._progress.note(f"Group {group + 1}: caught up.")
+        return self._draft if self.late and self.when_late == "draft" else self.config
+
+    def _advice(self) -> str:
+        if self.when_late == "skip":
+            return "; the frames filmed meanwhile are skipped"
+        if self.when_late == "draft" and self._draft != self.config:
+            return "; draft settings are used until it has caught up"
+        if self.when_late == "draft":
+            return "; it uses draft settings already. Choose a smaller --width, or --when-late skip"
+        return "; latency grows"
+
+
+def drafted(config: Config) -> Config:
+    """Return settings with at most the iterations of draft."""
+    values = {"keyframe.refine_iterations": config.keyframe.refine_iterations}
+    values["group.iterations_per_frame"] = config.group.iterations_per_frame
+    return changed(config, {name: min(values[name], DRAFT[name]) for name in DRAFT_SETTINGS})
+
+
+EPOCH = 64
+"""Groups per epoch. Each epoch starts with a renewal."""
+
+
+def starts_epoch(group: int) -> bool:
+    """Return whether all earlier layers retire at a group."""
+    return group > 0 and group % EPOCH == 0
+
+
+def retirement_group(group: int) -> int:
+    """Return the group at which the layers born at a group retire."""
+    return (group // EPOCH + 1) * EPOCH
+
+
+def save_epochs(store: Store, group: int) -> None:
+    """Save the first groups of all epochs up to a group, for readers of the checkpoints."""
+    store.save_chapter_firsts(list(range(0, retirement_group(group) + 1, EPOCH)))
+
+
+def trained_points(store: Store, group: int) -> Gaussians:
+    """Return all static points at the end of a group, as trained.
+
+    Renewal encodes these, since coding decoded points again would lose quality each time.
+    """
+    return Gaussians.concatenate([Gaussians.empty(0), *(layer.trained for _, layer in store.layers(group))])
+
+
+def static_before(store: Store, group: int, sh_degree: int) -> StaticPoints:
+    """Return the static points at the start of a group, all alive."""
+    if group == 0 or starts_epoch(group):
+        return StaticPoints.none(sh_degree)
+    return StaticPoints.none(sh_degree).with_layer(store.static(group - 1))
+
+
+class Window:
+    """Window of the groups that are kept.
+
+    The state of the cameras at the first kept group is saved before anything is deleted. Static layers are kept as long as a
+    kept group shows them.
+
+    Attributes:
+        frames: Number of frames that are kept; None keeps all.
+    """
+
+    def __init__(self, store: Store, frames: int | None) -> None:
+        self.store = store
+        self.frames = frames
+        self._rigs: deque[tuple[int, Rig]] = deque()
+
+    def record_rig(self, group: int, rig: Rig) -> None:
+        """Record the rig at the start of a group."""
+        if self.frames is not None:
+            self._rigs.append((group, rig))
+
+    def drop_old_groups(self, writer: ReelWriter) -> None:
+        """Delete groups outside the window, after a group was written."""
+        manifest = writer.manifest
+        if self.frames is None or not manifest.groups:
+            return
+        oldest = manifest.frames - self.frames
+        first = next(entry.group for entry in manifest.groups if entry.end > oldest)
+        writer.drop_before(first)
+        self.drop_before(writer.manifest.first_group)
+
+    def drop_before(self, first: int) -> None:
+        """Delete the checkpoints of earlier groups, except for layers that later groups show."""
+        while self._rigs and self._rigs[0][0] < first:
+            self._rigs.popleft()
+        if first <= first_kept(self.store) or not self._rigs:
+            return
+        save_rig(self.store, first, self._rigs[0][1])
+        epoch = first // EPOCH * EPOCH
+        for folder in self.store.work.glob("group[0-9]*"):
+            group = int(folder.name.removeprefix("group"))
+            if group < first:
+                _empty(folder, {"layer.safetensors"} if group >= epoch else set(), group)
+
+
+def _empty(folder: Path, kept: set[str], group: int) -> None:
+    """Delete the checkpoints of a group except for the named files. The poses in group 0 are kept too."""
+    kept = kept | {"poses.safetensors"} if group == 0 else kept
+    for file in folder.glob("*"):
+        if file.name not in kept:
+            file.unlink()
+    if not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def first_kept(store: Store) -> int:
+    """Return the first group whose checkpoints are kept."""
+    path = _file(store)
+    return int(load_arrays(path)["group"][0]) if path.exists() else 0
+
+
+def save_rig(store: Store, group: int, rig: Rig) -> None:
+    """Save the cameras' state at the start of a group, so that no earlier group is needed."""
+    ends = np.stack(rig.ends) if rig.ends else np.zeros((0, len(rig.cameras)))
+    arrays = {
+        "group": np.array([group]),
+        "gains": rig.gains,
+        "exposure": rig.exposure,
+        "light": rig.light,
+        "ends": ends,
+    }
+    save_arrays(_file(store), arrays | {"viewmats": np.stack([camera.viewmat for camera in rig.cameras])})
+
+
+def load_rig(store: Store, rig: Rig) -> Rig:
+    """Return the rig at the first kept group. rig: initial rig without excluded cameras."""
+    path = _file(store)
+    if not path.exists():
+        return rig
+    arrays = load_arrays(path)
+    pairs = zip(rig.cameras, arrays["viewmats"], strict=True)
+    return replace(
+        rig,
+        cameras=[replace(camera, viewmat=viewmat) for camera, viewmat in pairs],
+        gains=arrays["gains"],
+        exposure=arrays["exposure"],
+        light=arrays["light"],
+        ends=tuple(arrays["ends"]),
+    )
+
+
+def _file(store: Store) -> Path:
+    return store.work / "first.safetensors"
 
 
 @dataclass(frozen=True)
@@ -78,17 +255,7 @@ def reconstruct_following(
     progress: Progress | None = None,
     present: PresentationHook = no_presentation,
 ) -> Result:
-    """Reconstruct a capture while it is being written, until it ends. Another call continues.
-
-    Args:
-        follower: The growing capture.
-        out: Output folder.
-        config: Settings.
-        live: Settings of the live reel.
-        sound: See `reconstruct`.
-        device: See `reconstruct`.
-        progress: See `reconstruct`.
-        present: See `reconstruct`.
+    """Reconstruct a capture while it is being written, until it ends. Another call continues. Other arguments: see `reconstruct`.
 
     Raises:
         CaptureError: If the capture ends before its first frame.
@@ -184,8 +351,8 @@ class _LiveRun:
                 done = span.index + 1
 
     def _reconstruct(
-        self, span: GroupSpan, frames: np.ndarray, before: Handover, layout: Layout, output: LiveOutput, live: LiveSpans
-    ) -> Handover:
+        self, span: GroupSpan, frames: np.ndarray, before: Start, layout: Layout, output: LiveOutput, live: LiveSpans
+    ) -> NextGroup:
         settings = self.lateness.settings(span.index, live.seconds_behind(span))
         self.edge = frames[span.own].copy() if span.own < len(frames) else None
         before = self._begin_group(span, before)
@@ -195,9 +362,10 @@ class _LiveRun:
         self._report(span, live)
         return before
 
-    def _skip_group(self, span: GroupSpan, before: Handover, layout: Layout, output: LiveOutput) -> Handover:
+    def _skip_group(self, span: GroupSpan, before: Start, layout: Layout, output: LiveOutput) -> NextGroup:
         """Write a skipped group."""
         before = self._begin_group(span, before)
+        assert isinstance(before, NextGroup)  # the first group of all is never skipped
         edge = self.edge if before.reference is None else before.reference
         if edge is None:
             edge = self.follower.capture.read(span.first, 1, before.rig.names)[0]
@@ -206,14 +374,14 @@ class _LiveRun:
         self.progress.note(f"Group {span.index + 1} skipped: nothing moves in it.")
         return before
 
-    def _begin_group(self, span: GroupSpan, before: Handover) -> Handover:
+    def _begin_group(self, span: GroupSpan, before: Start) -> Start:
         self.window.record_rig(span.index, before.rig)
         save_epochs(self.store, span.index)
-        if starts_epoch(span.index):
+        if isinstance(before, NextGroup) and starts_epoch(span.index):
             return replace(before, retired=trained_points(self.store, span.index - 1))
         return before
 
-    def _restore(self, rig: Rig, output: LiveOutput) -> tuple[Handover, int]:
+    def _restore(self, rig: Rig, output: LiveOutput) -> tuple[Start, int]:
         """Return the state after the finished groups, and the number of the next group."""
         first, degree = first_kept(self.store), self.config.keyframe.sh_degree
         done = first + self.store.finished_groups(first)
@@ -222,9 +390,9 @@ class _LiveRun:
             self.store.group(done).forget()
         rig = load_rig(self.store, rig)
         static = static_before(self.store, first, degree)
-        before = Handover(rig, static, Gaussians.empty(degree))
+        before: Start = NextGroup(rig, static, Gaussians.empty(degree))
         if first == 0:
-            before = Handover(rig, static, seeds=self.store.initial_points())
+            before = FirstGroup(rig, static, self.store.initial_points())
         live = self.spans(first)
         output.restore_layers(self.store, first, live)
         for index in range(first, done):
@@ -277,20 +445,13 @@ class LiveOutput(ReelOutput):
 
 
 def write_skipped_group(
-    job: Job, span: GroupSpan, before: Handover, edge: np.ndarray, layout: Layout, output: Output
-) -> Handover:
+    job: Job, span: GroupSpan, before: NextGroup, edge: np.ndarray, layout: Layout, output: Output
+) -> NextGroup:
     """Write a group in which nothing moves, since a reel needs every frame. The next group starts from the same state.
 
-    Args:
-        job: The run.
-        span: Frames of the group.
-        before: State that the group before passed on.
-        edge: Images [C, H, W, 3] uint8 of the last frame before the gap.
-        layout: Measures of the scene.
-        output: Destination of the group.
+    `edge` has the images [C, H, W, 3] uint8 of the last frame before the gap.
     """
     still, count = before.dynamic, span.count
-    assert still is not None  # the first group of all is never skipped
     static = _rewrite_static(job, span, before, still, layout, output)
     dq = np.tile(np.array([1, 0, 0, 0], np.float32), (count, len(still), 1))
     light = np.tile(np.exp(before.rig.light), (count, 1)) if before.rig.light.any() else None
@@ -301,11 +462,11 @@ def write_skipped_group(
     with job.timed("encode"):
         importance = group_importance(output.header, encoder.config, static.points, group)[0]
         output.add_group(CompressedGroup(group, importance, STEPS, encoder.group(group, importance)))
-    return Handover(before.rig, static, still, reference=edge)
+    return NextGroup(before.rig, static, still, reference=edge)
 
 
 def _rewrite_static(
-    job: Job, span: GroupSpan, before: Handover, still: Gaussians, layout: Layout, output: Output
+    job: Job, span: GroupSpan, before: NextGroup, still: Gaussians, layout: Layout, output: Output
 ) -> StaticPoints:
     """Write the living static points again if their layers end at a skipped group. still: dynamic points of the group."""
     if before.retired is None:
@@ -328,7 +489,6 @@ class LiveSpans:
     A group is yielded once at least one later frame exists, so that spans equal those of `group_spans`.
 
     Attributes:
-        follower: The growing capture.
         length: Frames of a group.
         overlap: Frames shared with the next group.
     """
@@ -351,7 +511,6 @@ class LiveSpans:
         self._skip = skip
 
     def __iter__(self) -> Iterator[GroupSpan]:
-        """Yield groups as their frames arrive."""
         while (span := self._wait(self._next)) is not None:
             yield span
             self._next = span.index + 1

@@ -17,12 +17,12 @@ from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.follower import Follower
 from splatreel.capture.growing_video import choose_growing_track
 from splatreel.capture.videos import GrowingVideos
-from splatreel.codec.fragments import RATE, initialization
+from splatreel.codec.mp4 import RATE, initialization
 from splatreel.codec.opus_sound import SEGMENT_SECONDS, TYPE, SoundEncoder
 from splatreel.codec.presentation import Sound, SoundSegment
 from splatreel.codec.writer import ReelWriter
-from splatreel.run import checkpoint
 from splatreel.run.output.sound_output import camera_position, parse_soundtrack_choice
+from splatreel.run.store import load_checked, save_json
 
 SELECTION_SECONDS = 10.0
 """Maximum seconds of sound by which a camera is selected."""
@@ -37,7 +37,6 @@ class LiveSoundtrack:
 
     Attributes:
         folder: Folder of the segments.
-        follower: The growing capture.
         camera: Name of the camera; None is silence.
     """
 
@@ -60,14 +59,12 @@ class LiveSoundtrack:
         self._thread = Thread(target=self._encode, name="sound", daemon=True)
 
     def __enter__(self) -> LiveSoundtrack:
-        """Start the thread."""
         if self.camera is not None:
             write_bytes(self.folder / _INIT, initialization(self._channels))
             self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Stop the follower and wait for the thread."""
         self.follower.stop()
         if self.camera is not None:
             self._thread.join()
@@ -118,7 +115,7 @@ class LiveSoundtrack:
         """Return the camera and its number of channels; None for silence."""
         file = self.folder / "choice.json"
         if file.exists():
-            known = checkpoint.load_checked(file, parse_soundtrack_choice)
+            known = load_checked(file, parse_soundtrack_choice)
             return None if known is None else (known["camera"], known["channels"])
         capture = self.follower.capture
         tracks = {name: track.file for name, track in capture.tracks().items()}
@@ -126,11 +123,11 @@ class LiveSoundtrack:
         chosen = choose_growing_track(wanted, tracks, seconds, capture.path) if self._source is not None else None
         self.progress.note("Sound: none" if chosen is None else f"Sound: camera {chosen[0]}, recorded live")
         if chosen is None:
-            checkpoint.save_json(file, None)
+            save_json(file, None)
         else:
             name, channels = chosen
             position = camera_position(capture, name)
-            checkpoint.save_json(file, {"camera": name, "channels": channels, "position": position})
+            save_json(file, {"camera": name, "channels": channels, "position": position})
         return chosen
 
     def _segments(self) -> dict[int, tuple[Path, float]]:

@@ -13,17 +13,9 @@ from splatreel.run.pipeline import RunSpec, reconstruct_sequence
 
 
 def run_job(spec: RunSpec, job: JobName, share: Share | None, progress: Progress, present: PresentationHook) -> str:
-    """Run one job of a run. Finished parts are not made again.
+    """Run one job of a run, and return a sentence about what exists now. Finished parts are not made again.
 
-    Args:
-        spec: The run.
-        job: scene, chapter or finish. A video of one chapter has no scene: its chapter job makes everything.
-        share: The chapters of a chapter job; None for the other jobs.
-        progress: Display of the progress.
-        present: Adds poster and thumbnails to the reel.
-
-    Returns:
-        A sentence about what exists now.
+    A video of one chapter has no scene: its chapter job makes everything. `share` is for chapter jobs.
 
     Raises:
         ReconstructionError: An earlier job is not finished, or as `pipeline.reconstruct` raises it.

@@ -20,12 +20,7 @@ SHOWN = 3
 class Driver:
     """Receives the reports of workers until all chapters have ended. The run must be locked, and its scene finished.
 
-    Args:
-        run: The run.
-        progress: Display of the progress.
-        present: Adds poster and thumbnails to the reel.
-        workers: Number of chapters that are made at a time.
-        url: Address that gets a copy of status.json, if any.
+    `workers` chapters are made at a time. The address `url` gets a copy of status.json, if it is given.
 
     Attributes:
         todo: Chapters that are not finished, in order.
@@ -35,7 +30,6 @@ class Driver:
     def __init__(
         self, run: ChapteredRun, progress: Progress, present: PresentationHook, workers: int, url: str | None = None
     ) -> None:
-        """Write the groups that are finished already."""
         self.run = run
         self.progress = progress
         self.status = RunStatus(run, url)
@@ -56,13 +50,11 @@ class Driver:
             progress.stage(f"reconstructing {what}", STEPS, (self._begin, 1.0))
 
     def __enter__(self) -> Driver:
-        """Write the status."""
         self.status.published = self._reel.written
         self.status.write()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        """Write to the status that the run failed or was interrupted, if it was."""
         if error is not None and self.status.state == "running":
             self.status.state = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
             self.status.write()

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from splatreel.base.errors import StorageError
 from splatreel.base.untrusted import open_regular
-from splatreel.run.job_log import LOGS
 from splatreel.run.jobs import chapter_name
+from splatreel.run.run_logs import LOGS
 from splatreel.run.store import LAST_OF_GROUP, REEL_FILES_OF_GROUP, Store
 from splatreel.scene.group import ChapterSpan
 from splatreel.storage.address import Address, log_retry
@@ -48,9 +48,6 @@ class SharedFolder:
     file of the same name.
 
     All methods raise `StorageError` if the address cannot be reached.
-
-    Args:
-        address: Address of the folder.
     """
 
     def __init__(self, address: Address) -> None:
@@ -63,14 +60,7 @@ class SharedFolder:
         return _newest(self._versions(prefix))
 
     def push(self, folder: Path, names: Iterable[str]) -> list[str]:
-        """Upload changed files in the given order.
-
-        Args:
-            folder: Local folder.
-            names: Paths within the folder.
-
-        Returns:
-            Names of the files that had changed.
+        """Upload the changed ones of some files, given by their paths within a folder, in this order. Return their names.
 
         Raises:
             StorageError: A local file is missing, or a path leads out of the folder.
@@ -101,15 +91,9 @@ class SharedFolder:
             self._known[name] = [version for version in found if version.name == name]
 
     def pull(self, names: Iterable[str], into: Path, listed: dict[str, SharedFile] | None = None) -> list[str]:
-        """Download files in the given order. Files that are already present are kept.
+        """Download files in the given order, except those that are already present. Return the names of the downloaded ones, sorted.
 
-        Args:
-            names: Paths within the folder.
-            into: Local folder.
-            listed: A recent result of `files`; None lists the folder.
-
-        Returns:
-            Names of the downloaded files, sorted.
+        `listed` is a recent result of `files`; None lists the folder.
 
         Raises:
             StorageError: The shared folder lacks a file, or a stored file is damaged.

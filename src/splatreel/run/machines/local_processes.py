@@ -18,14 +18,14 @@ from splatreel.base.errors import UsageError
 from splatreel.base.process import signals_held
 from splatreel.base.progress import Progress, Silent, parts_of
 from splatreel.run.device_choice import count_cuda_devices, release_cuda_memory
+from splatreel.run.estimate import Division, divide
 from splatreel.run.jobs import ChapteredRun, scene_job
 from splatreel.run.machines.driver import Driver
 from splatreel.run.machines.reports import ChapterEnded, Noted, Reached, Report
-from splatreel.run.machines.scaling import Division, divide
 from splatreel.run.machines.worker import serve_chapters
-from splatreel.run.memory import free_memory, needed_memory
 from splatreel.run.output.group_writer import PresentationHook, no_presentation
 from splatreel.run.pipeline import Result, RunSpec, reconstruct_run, result_of
+from splatreel.run.requirements import free_memory, needed_memory
 
 PATIENCE = 2.0
 """Seconds for all workers to end before they are killed. A command must end within five seconds of a signal."""
@@ -40,11 +40,7 @@ def reconstruct_here(
 ) -> Result:
     """Reconstruct a run like `pipeline.reconstruct`, by several processes where a video has several chapters and that is faster.
 
-    Args:
-        spec: The run.
-        workers: Number of chapters that are made at a time; None chooses a number that suits the machine.
-        progress: Display of the progress; nothing is shown by default.
-        present: Adds poster and thumbnails to the reel.
+    `workers` chapters are made at a time; None chooses a number that suits the machine.
 
     Raises:
         UsageError: There are fewer cores than workers.
@@ -68,11 +64,7 @@ def reconstruct_here(
 
 
 def division_of(run: ChapteredRun, workers: int | None = None) -> Division:
-    """Return how the chapters of a run share this machine.
-
-    Args:
-        run: The run.
-        workers: Number of workers, limited by the number of chapters; None chooses the fastest division.
+    """Return how the chapters of a run share this machine. `workers` is limited by the chapters; None chooses the fastest division.
 
     Raises:
         UsageError: There are less than one or more workers than cores.
@@ -113,8 +105,6 @@ class Worker:
     """A worker process.
 
     Attributes:
-        process: The process.
-        connection: Connection to it.
         gpu: GPU that it uses, if any.
         chapter: Chapter that it makes; None while it is idle.
         memory: Largest number of bytes that it held.
@@ -140,7 +130,6 @@ class WorkerPool:
     """
 
     def __init__(self, spec: RunSpec, places: list[str | None], threads: int, need: int) -> None:
-        """Start no process yet."""
         self._spec = pickle.dumps(spec)
         self._threads = threads
         self._need = need
@@ -151,11 +140,9 @@ class WorkerPool:
         self._waiting: deque[int] = deque()
 
     def __enter__(self) -> WorkerPool:
-        """Return the pool."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End all processes."""
         for worker in self._workers:
             worker.process.terminate()
         end = time.monotonic() + PATIENCE

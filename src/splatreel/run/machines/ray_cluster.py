@@ -1,30 +1,234 @@
-"""A run on a Ray cluster: its jobs are Ray tasks. Ray places them, and gives the job of a lost node to another one."""
+"""A run on a Ray cluster: its jobs are Ray tasks. Ray places them, and gives the job of a lost node to another one.
+
+A node works in a folder that all nodes share, or in a folder of its own whose checkpoints are exchanged.
+"""
 
 from __future__ import annotations
 
 import logging
+import math
 import pickle
 import socket
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from splatreel import __version__
+from splatreel.base import threads
+from splatreel.base.atomic import scratch
 from splatreel.base.command_line import install_command
-from splatreel.base.errors import MissingDependencyError, ReconstructionError, UsageError
+from splatreel.base.errors import InUseError, MissingDependencyError, ReconstructionError, UsageError
+from splatreel.base.process import keep_freed_memory, quiet_threads
 from splatreel.base.progress import Progress, Silent, parts_of
-from splatreel.run.job_log import log_file
-from splatreel.run.jobs import ChapteredRun, has_scene, save_frame_tables
+from splatreel.run.estimate import SERIAL_CHAPTER, WORTH, job_time
+from splatreel.run.jobs import SCENE, ChapteredRun, chapter_job, chapter_name, has_scene, save_frame_tables, scene_job
 from splatreel.run.machines.driver import Driver
 from splatreel.run.machines.exchange import Exchange
-from splatreel.run.machines.node import NodeTask, make_chapter, make_scene
-from splatreel.run.machines.ray_nodes import ClusterPlan, Resources, share_nodes
-from splatreel.run.machines.reports import ChapterEnded, GroupDone, Noted, Reached, Report
-from splatreel.run.memory import needed_memory
+from splatreel.run.machines.reports import (
+    ChapterEnded,
+    GroupDone,
+    Noted,
+    Reached,
+    Report,
+    Reporter,
+    Started,
+    describe_error,
+)
 from splatreel.run.output.group_writer import PresentationHook, no_presentation
 from splatreel.run.pipeline import Result, RunSpec, reconstruct_sequence, result_of
+from splatreel.run.requirements import needed_memory
+from splatreel.run.run_logs import log_file
+
+
+@dataclass(frozen=True)
+class Resources:
+    """Resources of a job."""
+
+    cores: int
+    gpus: int
+    memory: int
+
+
+@dataclass(frozen=True)
+class ClusterPlan:
+    """Resources of all jobs.
+
+    Attributes:
+        at_once: Number of chapters that fit at a time.
+    """
+
+    scene: Resources
+    chapter: Resources
+    at_once: int
+
+
+@dataclass(frozen=True)
+class _Node:
+    cores: int
+    gpus: int
+    memory: int
+
+    def slots(self, wanted: Resources) -> int:
+        """Return the number of jobs that fit."""
+        by_gpu = self.gpus // wanted.gpus if wanted.gpus else self.cores
+        return min(self.cores // wanted.cores, by_gpu, self.memory // max(wanted.memory, 1))
+
+
+def share_nodes(
+    nodes: list[dict[str, Any]], chapters: int, device: str, need: int, threads: int | None = None
+) -> ClusterPlan:
+    """Return the resources of all jobs. Nodes that cannot hold a chapter are left out. The scene takes the whole largest node.
+
+    Args:
+        nodes: Nodes as `ray.nodes()` returns them.
+        chapters: Number of chapters.
+        device: auto, cpu or cuda. Unless it is cpu, each job takes a GPU if the cluster has any.
+        need: Bytes of memory of a job.
+        threads: Threads of each job; None chooses by the nodes' cores.
+
+    Raises:
+        UsageError: No node can hold a job.
+    """
+    resources = [node["Resources"] for node in nodes if node["Alive"] and node["Resources"].get("CPU", 0) >= 1]
+    if not resources:
+        raise UsageError("--cluster: no node of the Ray cluster offers a CPU. Add one with `ray start`.")
+    alive = [_Node(int(n["CPU"]), int(n.get("GPU", 0)), int(n.get("memory", need))) for n in resources]
+    with_gpu = [node for node in alive if node.gpus]
+    if device == "cuda" and not with_gpu:
+        raise UsageError("--device cuda: no node of the Ray cluster has a GPU. Use --device cpu, or add such a node.")
+    gpus = int(bool(with_gpu) and device != "cpu")
+    usable = [node for node in (with_gpu if gpus else alive) if node.memory >= need]
+    if not usable:
+        most = max(node.memory for node in (with_gpu if gpus else alive))
+        raise UsageError(
+            f"--cluster: a chapter takes {need / 2**30:.1f} GiB of memory, and no node of the Ray cluster offers more than "
+            f"{most / 2**30:.1f}. Add a larger node, give Ray more of it (`ray start --memory`), or choose a smaller --width."
+        )
+    largest = max(usable, key=lambda node: (node.cores, node.memory))
+    scene = Resources(min(largest.cores, threads or largest.cores), gpus, need)
+    choices = [Resources(cores, gpus, need) for cores in range(1, largest.cores + 1)]
+    if threads is not None:
+        choices = [Resources(min(threads, largest.cores), gpus, need)]
+    slots = {choice: sum(node.slots(choice) for node in usable) for choice in choices}
+    times = {
+        choice: math.ceil(chapters / slots[choice]) * job_time(1.0, SERIAL_CHAPTER, choice.cores)
+        for choice in choices
+        if slots[choice]
+    }
+    best = min(times.values())
+    chosen = max((choice for choice in times if times[choice] <= WORTH * best), key=lambda choice: choice.cores)
+    return ClusterPlan(scene, chosen, slots[chosen])
+
+
+PATIENCE = 120.0
+"""Seconds that a job waits for a lock. The lock of a job that was lost with its node may remain for a while."""
+
+
+@dataclass(frozen=True)
+class NodeTask:
+    """Instructions for a node.
+
+    Attributes:
+        spec: A pickled `RunSpec`.
+        url: Address where checkpoints are exchanged; None if all nodes share the spec's folder.
+        threads: Number of threads of the job.
+        version: Version of Splatreel on the driver.
+    """
+
+    spec: bytes
+    url: str | None
+    threads: int
+    version: str = __version__
+
+
+def make_scene(task: NodeTask, send: Callable[[object], None]) -> str | None:
+    """Reconstruct the scene that chapters share. `send` is called with each report. Return the error; None for success."""
+    return _run_guarded(task, lambda: _make_scene(task, send))
+
+
+def make_chapter(task: NodeTask, chapter: int, send: Callable[[object], None]) -> str | None:
+    """Reconstruct one chapter. Arguments and result are those of `make_scene`."""
+    return _run_guarded(task, lambda: _make_chapter(task, chapter, send))
+
+
+def _make_scene(task: NodeTask, send: Callable[[object], None]) -> None:
+    spec = pickle.loads(task.spec)
+    with _place(task, spec.out) as out:
+        exchange = None if task.url is None else Exchange(task.url, out)
+        if exchange is not None:
+            exchange.fetch_scene()
+        with replace(spec, out=out).opened() as run:
+            try:
+                _wait_for_lock(lambda: scene_job(run, Reporter(0, send)))
+            finally:
+                if exchange is not None:
+                    exchange.send_log(SCENE)
+        if exchange is not None:
+            exchange.send_scene()
+
+
+def _make_chapter(task: NodeTask, chapter: int, send: Callable[[object], None]) -> None:
+    spec = pickle.loads(task.spec)
+    with _place(task, spec.out) as out:
+        exchange = None if task.url is None else Exchange(task.url, out)
+        if exchange is not None:
+            exchange.fetch_scene()  # it has the frame tables, which opening the capture needs
+        with replace(spec, out=out).opened() as run:
+            if exchange is not None:
+                exchange.fetch_chapter(run.chapters[chapter])
+
+            def after_group(group: int) -> None:
+                if exchange is not None:
+                    exchange.send_group(chapter, group)
+                send(GroupDone(chapter, group))
+
+            send(Started(chapter, socket.gethostname()))
+            try:
+                _wait_for_lock(lambda: chapter_job(run, chapter, Reporter(chapter, send), after_group))
+            finally:
+                if exchange is not None:
+                    exchange.send_log(chapter_name(chapter))
+
+
+def _run_guarded(task: NodeTask, action: Callable[[], None]) -> str | None:
+    quiet_threads()
+    threads.use(min(task.threads, threads.available()))
+    keep_freed_memory()
+    try:
+        if task.version != __version__:
+            raise ReconstructionError(
+                f"This node has Splatreel {__version__}, the driver has {task.version}. Install the same version on all."
+            )
+        action()
+    except Exception as error:
+        return describe_error(error)
+    return None
+
+
+@contextmanager
+def _place(task: NodeTask, out: Path) -> Iterator[Path]:
+    """Give the folder OUT: the one that all nodes share, or an empty one of this job, which is deleted at the end."""
+    if task.url is None:
+        yield out
+        return
+    with scratch(Path(tempfile.gettempdir()), "splatreel-node") as folder:
+        yield folder
+
+
+def _wait_for_lock(action: Callable[[], None]) -> None:
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return action()
+        except InUseError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(1.0)
+
 
 TIMEOUT = 10.0
 """Seconds within which the head of a cluster must answer."""
@@ -51,7 +255,6 @@ class Mailbox:
     """Actor beside the driver that collects the reports of nodes."""
 
     def __init__(self) -> None:
-        """Start empty."""
         self._reports: list[Report] = []
 
     def put(self, report: Report) -> None:
@@ -75,13 +278,8 @@ def reconstruct_on_cluster(
 ) -> Result:
     """Reconstruct a run like `pipeline.reconstruct`; nodes of a Ray cluster make the scene and the chapters. The reel is written here.
 
-    Args:
-        spec: The run. All nodes read its capture by the same path or address.
-        address: auto, or HOST:PORT of the cluster's head.
-        url: Address of a folder where nodes exchange checkpoints (`Address`); None if all nodes share the spec's folder.
-        options: Options of the cluster.
-        progress: Display of the progress of all nodes.
-        present: Adds poster and thumbnails to the reel.
+    All nodes read the capture by the same path or address. `address` is auto, or HOST:PORT of the cluster's head. Nodes exchange
+    checkpoints at the address `url`; None if all nodes share the spec's folder.
 
     Raises:
         MissingDependencyError: Ray is not installed.
@@ -104,17 +302,7 @@ def reconstruct_on_cluster(
 
 
 class _Cluster:
-    """A connected cluster that makes a run.
-
-    Args:
-        ray: The module ray, connected.
-        run: The run.
-        spec: The same run, to be sent to nodes.
-        url: Address where checkpoints are exchanged, if any.
-        exchange: Exchange of the driver's own folder with that address.
-        progress: Display of the progress.
-        options: Options of the cluster.
-    """
+    """A connected cluster that makes a run."""
 
     def __init__(
         self,
@@ -126,7 +314,6 @@ class _Cluster:
         progress: Progress,
         options: ClusterOptions,
     ) -> None:
-        """Wait for nodes, and start the mailbox."""
         self.ray = ray
         self.run = run
         self.exchange = exchange
@@ -229,13 +416,7 @@ def wait_for_nodes(
 ) -> ClusterPlan:
     """Return how the jobs share a cluster, once one of its nodes can hold a job. An autoscaler is asked for such a node.
 
-    Args:
-        ray: The module ray, connected.
-        chapters: Number of chapters.
-        device: auto, cpu or cuda.
-        need: Bytes of memory of a job.
-        options: Options of the cluster.
-        tell: Receives a message if there is something to wait for.
+    Arguments are those of `share_nodes`. `tell` receives a message if there is something to wait for.
 
     Raises:
         UsageError: No such node appeared in time.
@@ -262,10 +443,7 @@ def _ask_autoscaler(ray: Any, need: int, cores: int) -> None:
 
 @contextmanager
 def connected(address: str) -> Iterator[Any]:
-    """Give the module ray, connected to a running cluster.
-
-    Args:
-        address: auto, or HOST:PORT.
+    """Give the module ray, connected to a running cluster. `address` is auto, or HOST:PORT.
 
     Raises:
         MissingDependencyError: Ray is not installed.

@@ -18,12 +18,7 @@ INTERVAL = 0.5
 
 @dataclass(frozen=True)
 class Started:
-    """A node starts a chapter, or continues one that another node lost.
-
-    Attributes:
-        chapter: Index of the chapter.
-        node: Name of the machine.
-    """
+    """A node starts a chapter, or continues one that another node lost."""
 
     chapter: int
     node: str
@@ -34,7 +29,6 @@ class Reached:
     """Progress of a chapter.
 
     Attributes:
-        chapter: Index of the chapter.
         share: Share of the chapter that is done, 0..1.
         memory: Largest number of bytes that the process held; None if unknown.
     """
@@ -54,12 +48,7 @@ class Noted:
 
 @dataclass(frozen=True)
 class GroupDone:
-    """A finished group.
-
-    Attributes:
-        chapter: Index of the chapter.
-        group: Index of the group in the whole video.
-    """
+    """A finished group."""
 
     chapter: int
     group: int
@@ -67,12 +56,7 @@ class GroupDone:
 
 @dataclass(frozen=True)
 class ChapterEnded:
-    """The end of a chapter.
-
-    Attributes:
-        chapter: Index of the chapter.
-        error: One sentence; None if the chapter is finished.
-    """
+    """The end of a chapter."""
 
     chapter: int
     error: str | None = None
@@ -93,7 +77,6 @@ class Reporter:
     def __init__(
         self, chapter: int, send: Callable[[Report], None], clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """Start at the beginning of the chapter."""
         self._chapter = chapter
         self._send = send
         self._clock = clock

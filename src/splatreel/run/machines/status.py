@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass, replace
 
 from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import ReelError, StorageError
-from splatreel.run.job_log import read_log
 from splatreel.run.jobs import ChapteredRun, chapter_name, has_chapter
+from splatreel.run.run_logs import read_log
 from splatreel.storage.address import Address
 
 STATUS = "status.json"
@@ -25,12 +25,10 @@ class ChapterStatus:
     """Status of one chapter.
 
     Attributes:
-        chapter: Number of the chapter, from 1.
         groups: First and last group, from 1.
         state: waiting, running, finished or failed.
         done: Share of the chapter that is done, 0..1.
         node: Machine that makes or made it.
-        attempts: Number of attempts.
         memory: Largest number of bytes that its process held, if known.
         error: Reason of a failure.
     """
@@ -54,7 +52,6 @@ class RunStatus:
     """
 
     def __init__(self, run: ChapteredRun, url: str | None = None) -> None:
-        """Read the status of all chapters."""
         self._run = run
         self._last = -INTERVAL
         self._elsewhere = None if url is None else Address(url, pauses=PAUSES, writes=True)

@@ -17,16 +17,9 @@ from splatreel.scene.group import Group
 
 
 class Output(ABC):
-    """Destination of a run's layers and groups. It saves them as checkpoints and writes their files.
-
-    Attributes:
-        store: Checkpoints.
-        header: Header of the reel.
-        encoder: Encoder of layers and groups.
-    """
+    """Destination of a run's layers and groups. It saves them as checkpoints and writes their files."""
 
     def __init__(self, store: Store, header: ReelHeader, encoder: ReelEncoder) -> None:
-        """Create an output, see the attributes."""
         self.store = store
         self.header = header
         self.encoder = encoder
@@ -70,13 +63,10 @@ class ReelOutput(Output):
     """Output to a reel.
 
     Attributes:
-        writer: Writer of the reel.
         group_writer: Writer of groups that an earlier run finished.
-        present: Adds content beside the points, see `PresentationHook`.
     """
 
     def __init__(self, writer: ReelWriter, group_writer: GroupWriter, present: PresentationHook) -> None:
-        """Create an output, see the attributes."""
         super().__init__(group_writer.store, writer.manifest, writer.encoder)
         self.writer = writer
         self.group_writer = group_writer
@@ -126,7 +116,6 @@ class ChapterOutput(Output):
     def __init__(
         self, store: Store, header: ReelHeader, config: EncodeConfig, after_group: Callable[[int], None] = ignore_group
     ) -> None:
-        """Create an output, see the attributes. config: settings of the encoder."""
         super().__init__(store, header, ReelEncoder(config, header.cameras))
         self.after_group = after_group
 

@@ -16,15 +16,53 @@ from splatreel.codec.header import ReelHeader
 from splatreel.codec.predictive.precision import Steps
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config, EncodeConfig
-from splatreel.method.encode.importance import Importance, group_importance
+from splatreel.method.encode.compression import Importance, group_importance
 from splatreel.method.init.layout import Layout
-from splatreel.run.output.region import Region, kept_layer
 from splatreel.run.output.sound_output import write_soundtrack
 from splatreel.run.store import Store, StoredGroup, StoredLayer
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.scene.reel_source import ReelSource
+from splatreel.scene.volumes import Volume
+
+
+@dataclass(frozen=True)
+class Region:
+    """Choice of the points whose centers are within a volume.
+
+    Attributes:
+        volume: The volume; None keeps all points.
+    """
+
+    volume: Volume | None
+
+    def of_layer(self, layer: StoredLayer) -> np.ndarray:
+        """Return the points of a layer that are kept, [S] bool."""
+        if self.volume is None:
+            return np.ones(len(layer.trained), bool)
+        return self.volume.contains(layer.trained.means)
+
+    def group(self, stored: StoredGroup) -> StoredGroup:
+        """Return a group with the dynamic points that are within the volume at some frame, transparent at the others."""
+        if self.volume is None:
+            return stored
+        group = stored.group
+        inside = self.volume.contains(group.dynamic.means + group.dx)
+        some = np.asarray(inside.any(0))
+        shade = None if group.shade is None else group.shade[:, some]
+        group = replace(group, dynamic=group.dynamic[some], dx=group.dx[:, some], dq=group.dq[:, some], shade=shade)
+        if not inside[:, some].all():
+            group = replace(group, shade=group.shade_where(inside[:, some]))
+        importance = None if stored.importance is None else stored.importance[some]
+        return replace(stored, group=group, importance=importance)
+
+
+def kept_layer(layer: StoredLayer, kept: np.ndarray) -> StoredLayer:
+    """Return a layer with some of its points, [S] bool."""
+    importance = None if layer.importance is None else layer.importance[kept]
+    return replace(layer, trained=layer.trained[kept], decoded=layer.decoded[kept], importance=importance)
+
 
 MAX_WORKERS = 8
 """Maximum number of groups encoded at a time. Each is held in memory."""
@@ -62,8 +100,6 @@ class GroupWriter:
     """Writer of finished groups from checkpoints, in order from the first.
 
     Attributes:
-        writer: Writer of the reel.
-        store: Checkpoints.
         measured: Importance measured here, by group. Another writer of the same store can reuse it.
         encoded: Write the files that chapters encoded, instead of encoding again. The files of a region are encoded again.
     """
@@ -75,7 +111,6 @@ class GroupWriter:
         measured: dict[int, Importance] | None = None,
         encoded: bool = False,
     ) -> None:
-        """Create a writer, see the attributes. No group is written or skipped yet."""
         self.writer = writer
         self.store = store
         self.measured = {} if measured is None else measured
@@ -216,15 +251,7 @@ def bounds_of(layout: Layout, cameras: list[Camera]) -> np.ndarray:
 def header_of(
     cameras: list[Camera], fps: float, config: Config, layout: Layout, source: ReelSource | None = None
 ) -> ReelHeader:
-    """Create the header of a reel.
-
-    Args:
-        cameras: Training cameras.
-        fps: Frames per second.
-        config: Settings.
-        layout: Measures of the scene.
-        source: Frames and cameras of the capture; None if unknown.
-    """
+    """Create the header of a reel by its training cameras. `source`: frames and cameras of the capture; None if unknown."""
     if source is not None and layout.region and source.part is None:
         source = replace(source, part="region")
     return ReelHeader(
@@ -248,14 +275,7 @@ def header_of(
 def open_writer(
     store: Store, reel: Path, config: EncodeConfig, resume: bool, first_group: int | None = None
 ) -> ReelWriter:
-    """Create the writer of a reconstruction's reel, and add its soundtrack.
-
-    Args:
-        store: Checkpoints of the reconstruction.
-        reel: Folder of the reel.
-        config: Settings of the encoder.
-        resume: Continue a reel that exists already.
-        first_group: See `ReelWriter`.
+    """Create the writer of a reconstruction's reel, and add its soundtrack. `resume` continues a reel that exists already.
 
     Raises:
         ReconstructionError: If the store has no header.

@@ -22,7 +22,7 @@ def reencode(
     mbps: float | None = None,
     present: PresentationHook = no_presentation,
 ) -> Path:
-    """Write a reel from the checkpoints of a reconstruction.
+    """Write a reel from the checkpoints of a reconstruction, and return its folder.
 
     Args:
         work: Folder of the checkpoints.
@@ -31,9 +31,6 @@ def reencode(
         progress: Receives the number of groups written.
         mbps: Rate to reach, Mbit/s of video, by a search of the coarseness; None uses `config.coarseness`.
         present: Adds content beside the points, at the end.
-
-    Returns:
-        Folder of the reel.
 
     Raises:
         ReconstructionError: If no group is finished.
@@ -74,14 +71,7 @@ TRIALS = 12
 
 
 def search_coarseness(write: Callable[[float], float], mbps: float) -> float:
-    """Call `write` with different coarsenesses until the rate it returns is within 5 % of `mbps`.
-
-    Args:
-        write: Function from a coarseness to a rate, Mbit/s.
-        mbps: Rate to reach, Mbit/s.
-
-    Returns:
-        The last coarseness.
+    """Call `write`, from a coarseness to a rate in Mbit/s, until the rate is within 5 % of `mbps`. Return the last coarseness.
 
     Raises:
         UsageError: If no coarseness has that rate.

@@ -15,7 +15,7 @@ from splatreel.capture.capture_sound import choose
 from splatreel.codec.opus_sound import EncodedSound, encode_sound, write_sound
 from splatreel.codec.presentation import Vec3
 from splatreel.codec.writer import ReelWriter
-from splatreel.run import checkpoint
+from splatreel.run.store import load_arrays, load_checked, save_arrays
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,6 @@ class Soundtrack:
     """An encoded soundtrack.
 
     Attributes:
-        encoded: Encoded segments.
         position: Position of the source, world units; None if it is not positional.
     """
 
@@ -34,11 +33,7 @@ class Soundtrack:
 def select_soundtrack(work: Path, capture: Capture, wanted: str, progress: Progress) -> Soundtrack | None:
     """Select and encode the soundtrack of a capture; a resumed run keeps the one it began with.
 
-    Args:
-        work: Folder of the checkpoints.
-        capture: The capture.
-        wanted: auto, none, the name of a camera, or a file.
-        progress: Receives a note about the choice.
+    `wanted` is auto, none, the name of a camera, or a file. The progress display receives a note about the choice.
 
     Raises:
         CaptureError: If the camera or file has no sound.
@@ -70,7 +65,7 @@ def save_soundtrack(work: Path, sound: Soundtrack | None) -> None:
     arrays: dict[str, np.ndarray] = {name: np.frombuffer(data, np.uint8) for name, data in files.items()}
     arrays["format"] = np.array([encoded.channels, encoded.samples])
     arrays["position"] = np.array(sound.position or (), np.float64)
-    checkpoint.save_arrays(_file(work), arrays)
+    save_arrays(_file(work), arrays)
 
 
 def load_soundtrack(work: Path) -> Soundtrack | None:
@@ -81,7 +76,7 @@ def load_soundtrack(work: Path) -> Soundtrack | None:
     """
     if not _file(work).exists():
         return load_live_soundtrack(work)
-    arrays = checkpoint.load_arrays(_file(work))
+    arrays = load_arrays(_file(work))
     channels, samples = arrays["format"].tolist()
     segments = tuple(arrays[name].tobytes() for name in sorted(arrays) if name.startswith("segment"))
     encoded = EncodedSound(channels, arrays["init"].tobytes(), segments, samples)
@@ -92,7 +87,7 @@ def load_soundtrack(work: Path) -> Soundtrack | None:
 def load_live_soundtrack(work: Path) -> Soundtrack | None:
     """Load the soundtrack of a live capture from OUT/work/sound; return None if there is none or its beginning was dropped."""
     choice = work / "sound" / "choice.json"
-    known = checkpoint.load_checked(choice, parse_soundtrack_choice) if choice.exists() else None
+    known = load_checked(choice, parse_soundtrack_choice) if choice.exists() else None
     files = sorted((work / "sound").glob("*.m4s"))
     if known is None or not files or not files[0].name.startswith("000000-"):
         return None

@@ -8,9 +8,8 @@ import pytest
 
 from splatreel.kernels.splat import Splats
 from splatreel.method.train.render import View, deformed
-from splatreel.method.train.terms.depths import Depths
 from splatreel.method.train.terms.surfaces import MAX_SEPARATION, Roughness, Spread, roughness, spread
-from splatreel.method.train.terms.term import Term
+from splatreel.method.train.terms.term import Depths, Term
 from splatreel.method.train.trainable_points import to_params
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians

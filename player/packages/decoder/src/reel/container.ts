@@ -63,7 +63,7 @@ export function parseContainer(file: Uint8Array, name: string): Container {
   const data: Record<string, Uint8Array> = {};
   for (const name of Object.keys(sections)) {
     const tensor = header[name];
-    if (!isObject(tensor) || tensor.dtype !== "U8") return fail(`section ${name} is no tensor of bytes`);
+    if (!isObject(tensor) || tensor.dtype !== "U8") return fail(`section ${name} is not a tensor of bytes`);
     const { shape, data_offsets: offsets } = tensor;
     const [begin, end] = Array.isArray(offsets) && offsets.length === 2 ? (offsets as unknown[]) : [];
     const inside =

@@ -230,7 +230,7 @@ function parseCamera(value: unknown): Camera {
   const [a, b, c, , d, e, f, , g, h, i] = viewmat;
   const volume = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g);
   if (!(volume > 0.5 && volume < 2))
-    throw new ReelError("The manifest is damaged: the viewmat of a camera is no rotation and translation.");
+    throw new ReelError("The manifest is damaged: the viewmat of a camera is not a rotation and translation.");
   const name = shortText(json, "name", MAX_NAME);
   return {
     name,

@@ -1,15 +1,50 @@
 /** Loads one reel: its manifest, which may grow, its pages, and the files that playback needs. */
+import { hasOtherContents, hasSameFiles, loadManifest, type Manifest, readManifest } from "../reel/manifest";
 import type { DecodedGroup, DecodedLayer } from "../decode/decode-file";
 import type { LocalFiles } from "../files/local-files";
 import type { Access } from "../files/source";
-import { hasOtherContents, hasSameFiles, loadManifest, readManifest, type Manifest } from "../reel/manifest";
 import type { Page } from "../reel/pages";
 import type { Reel } from "../reel/reel";
 import { DecoderPool, type DecodeWorkers, type EarlyWorker } from "./decoder-pool";
-import { memoryBudget, type Dropped } from "./file-cache";
-import { freshManifest, nextManifest, watchManifest } from "./live-manifest";
-import { RenditionPolicy, guessOfBrowser } from "./rendition-policy";
+import { type Dropped, memoryBudget } from "./file-cache";
+import { guessOfBrowser, RenditionPolicy } from "./rendition-policy";
 import { Stream } from "./stream";
+
+/** Milliseconds between two requests. */
+const POLL = 3000;
+
+/** Wait until a reel has new groups, has dropped or replaced some, or is complete, and return its manifest. Failed requests are repeated. */
+async function nextManifest(manifest: Manifest, signal: AbortSignal): Promise<Manifest> {
+  for (;;) {
+    await new Promise((resolve) => setTimeout(resolve, POLL));
+    const next = await freshManifest(manifest, signal);
+    signal.throwIfAborted();
+    if (!next) continue;
+    if (
+      next.groups.length > manifest.groups.length ||
+      next.first > manifest.first ||
+      !next.live ||
+      hasOtherContents(manifest, next)
+    )
+      return next;
+  }
+}
+
+/** Request the manifest; null if that fails. */
+function freshManifest({ url, access }: Manifest, signal: AbortSignal): Promise<Manifest | null> {
+  return loadManifest(url, { received: () => undefined, trouble: () => undefined }, signal, access).catch(() => null);
+}
+
+/** Call `grown` with each new manifest of a live reel, until the reel is complete. */
+async function watchManifest(manifest: Manifest, grown: (next: Manifest) => void, signal: AbortSignal): Promise<void> {
+  let known = manifest;
+  while (known.live) {
+    const next = await nextManifest(known, signal).catch(() => null);
+    if (next === null) return;
+    known = next;
+    grown(next);
+  }
+}
 
 /** Milliseconds to wait for a new manifest after a file turned out to be missing or different. */
 const MANIFEST_TIMEOUT = 8000;

@@ -1,18 +1,75 @@
 /** Downloads the files of a reel in order of urgency, as many at a time as there are workers. */
-import { PLAIN, ReelError } from "../base/errors";
 import type { DecodedFile, DecodedGroup, DecodedLayer } from "../decode/decode-file";
-import { sourceOf, type Manifest } from "../reel/manifest";
+import { fileOf, layersAt, type ReelFile } from "../reel/reel-file";
+import { PLAIN, ReelError } from "../base/errors";
+import { type Manifest, sourceOf } from "../reel/manifest";
 import type { Page } from "../reel/pages";
 import type { Reel } from "../reel/reel";
-import { fileOf, layersAt, type ReelFile } from "../reel/reel-file";
-import { contradictionOf } from "./file-check";
-import { Backoff } from "./backoff";
 import type { DecoderPool, Job } from "./decoder-pool";
-import { FileCache, costOf, type Dropped } from "./file-cache";
+import { costOf, type Dropped, FileCache } from "./file-cache";
 import { GroupRenditions } from "./group-renditions";
-import { LoadProgress } from "./load-progress";
-import { groupKey, isOnScreen, queueOf, type Demand, type QueueItem } from "./queue";
+import { type Demand, groupKey, isOnScreen, type QueueItem, queueOf } from "./queue";
 import type { RenditionPolicy } from "./rendition-policy";
+
+/** Pause in milliseconds. */
+const PAUSE = 10_000;
+
+/** Remembers when each failed file may be requested again. */
+class Backoff {
+  private readonly until = new Map<string, number>();
+
+  /** Begin the pause of a file that failed. */
+  begin(key: string): void {
+    this.until.set(key, performance.now() + PAUSE);
+  }
+
+  /** Return true during the pause of a file. */
+  has(key: string): boolean {
+    return (this.until.get(key) ?? 0) > performance.now();
+  }
+}
+
+/** Return how a file contradicts its entry, such as a file of another group; null if it does not. kind: as listed. shDegree: highest degree of the reel. */
+function contradictionOf(
+  file: DecodedFile,
+  entry: ReelFile,
+  kind: DecodedFile["kind"],
+  shDegree: number,
+): string | null {
+  if (file.kind !== kind) return `is a ${file.kind}; the manifest lists it as a ${kind}`;
+  const found = [file.index, file.points.count, file.firstFrame, file.frames].join(", ");
+  const told = [entry.group, entry.points, entry.firstFrame, entry.frames].join(", ");
+  if (found !== told) return `has the group, points, first frame and frames ${found}; the manifest says ${told}`;
+  if (file.points.shDegree > shDegree)
+    return `has spherical harmonics of degree ${file.points.shDegree}, above the manifest's ${shDegree}`;
+  if (file.kind === "layer") return null;
+  const points = layersAt(entry).reduce((sum, layer) => sum + layer.points, 0);
+  return file.alive.length === points
+    ? null
+    : `has flags of ${file.alive.length} static points; the layers that live at it hold ${points}`;
+}
+
+/** Returns the size of a file, by its key, and the bytes received. */
+type Measure = (key: string) => { bytes: number; here: number };
+
+/** Sums over all files of the present wait. */
+export class LoadProgress {
+  private readonly keys = new Set<string>();
+
+  /** Set the needed and the missing files. Files that arrive during a wait count until none is missing. */
+  expect(needed: string[], missing: string[]): void {
+    if (missing.length === 0) this.keys.clear();
+    for (const key of this.keys) if (!needed.includes(key)) this.keys.delete(key);
+    for (const key of missing) this.keys.add(key);
+  }
+
+  /** Return the received part, 0 to 1. */
+  progress(measure: Measure): number {
+    const files = [...this.keys].map(measure);
+    const total = files.reduce((sum, { bytes }) => sum + bytes, 0);
+    return total > 0 ? files.reduce((sum, { bytes, here }) => sum + Math.min(here, bytes), 0) / total : 1;
+  }
+}
 
 /** Layers of at most this many bytes download together: they take about as long as a round trip. */
 const SMALL = 2 ** 15;

@@ -12,17 +12,97 @@ import {
   type Vec3,
   viewmatOf,
 } from "@splatreel/decoder/internal";
-import { axesOf } from "../base/quaternion";
-import type { View } from "@splatreel/renderer";
-import { CameraPath } from "./camera-path";
 import type { CameraDriver, Sight } from "./driver";
-import { Framing } from "./framing";
-import { Glide } from "./glide";
-import { Horizon, type Gaze } from "./horizon";
+import { type Gaze, Horizon } from "./horizon";
+import type { View } from "@splatreel/renderer";
+import { axesOf } from "../base/quaternion";
+import { CameraPath } from "./camera-path";
 import { Limits } from "./limits";
-import { AXES, STILL, type Motion, type Spin } from "./motion";
+import { AXES, type Motion, type Spin, STILL } from "./motion";
 import type { OrbitBounds } from "./orbit-declaration";
-import { turnOf, viewmatOfState, type CameraState } from "./pose";
+import { type CameraState, turnOf, viewmatOfState } from "./pose";
+
+/** Duration of a transition, in seconds. */
+const DURATION = 0.5;
+
+/** Moves smoothly from one pose to another. */
+class Glide {
+  private at: number;
+
+  /** instant: arrive with the first step. */
+  constructor(
+    private readonly horizon: Horizon,
+    private readonly from: Sight,
+    readonly to: Sight,
+    instant: boolean,
+  ) {
+    this.at = instant ? 1 : 0;
+  }
+
+  /** True once the last step has arrived. */
+  get over(): boolean {
+    return this.at === 1;
+  }
+
+  /** Return the pose after more seconds. */
+  step(seconds: number): Sight {
+    const { from, to, horizon } = this;
+    this.at = Math.min(this.at + seconds / DURATION, 1);
+    const t = this.at * this.at * (3 - 2 * this.at);
+    return {
+      eye: add(scale(from.eye, 1 - t), scale(to.eye, t)),
+      gaze: t < 1 ? horizon.between(from.gaze, to.gaze, t) : to.gaze,
+      distance: from.distance * (1 - t) + to.distance * t,
+    };
+  }
+}
+
+/** Maximum crop of the image to fill a wider screen, and a narrower one, where no camera shows what is above and below the image. */
+const CROP = 1.4;
+const NARROW_CROP = 4;
+/** On a screen that crops more than `CROP`, the offset of the focus, in half widths, above which the first view is centered on it. */
+const ASIDE = 0.2;
+
+/** Fields of view for pictures of any size. */
+class Framing {
+  /** home: the reel's own camera. near: near plane, in world units. */
+  constructor(
+    private readonly home: Camera,
+    private readonly near: number,
+  ) {}
+
+  /** Return the view from a pose [16] for width x height pixels. fieldOfView: vertical, in radians; null for that of the reel. */
+  view(viewmat: number[], width: number, height: number, fieldOfView: number | null = null): View {
+    const { K, width: w, height: h } = this.home;
+    const whole = Math.min(width / w, height / h);
+    const filled = Math.max(width / w, height / h);
+    const fill = Math.min(filled, (width * h < height * w ? NARROW_CROP : CROP) * whole);
+    const zoom = fieldOfView === null ? fill : height / 2 / Math.tan(fieldOfView / 2) / K[4];
+    return {
+      viewmat,
+      fx: K[0] * zoom,
+      fy: K[4] * zoom,
+      cx: width / 2 + (K[2] - w / 2) * zoom,
+      cy: height / 2 + (K[5] - h / 2) * zoom,
+      width,
+      height,
+      near: this.near,
+    };
+  }
+
+  /**
+   * Return where in the image of the reel's camera, 0 to 1 across its width, a narrow screen shall be centered because the focus is
+   * there; null for the middle. m: pose [16] of the reel's camera.
+   */
+  centerOf(m: number[], focus: Vec3, width: number, height: number): number | null {
+    const { home } = this;
+    const { fx } = this.view(m, width, height);
+    const [x, z] = [0, 8].map((i) => m[i] * focus[0] + m[i + 1] * focus[1] + m[i + 2] * focus[2] + m[i + 3]);
+    const isWide = home.width * height <= CROP * home.height * width;
+    if (isWide || z <= 0 || Math.abs((fx * x) / z) < (ASIDE * width) / 2) return null;
+    return ((home.K[0] * x) / z + home.K[2]) / home.width;
+  }
+}
 
 /** Rate at which a flick decays and a key accelerates, per second. */
 const FRICTION = 6;

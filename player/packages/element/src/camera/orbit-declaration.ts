@@ -75,7 +75,7 @@ export function parseTarget(text: string): Vec3 | null {
 export function parseFieldOfView(text: string): number | null {
   const angle = parseAngle(text.trim());
   if (angle !== null && !(angle >= Math.PI / 180 && angle <= (170 * Math.PI) / 180))
-    throw new DeclarationError(`"${text}" is no field of view. Write an angle from 1deg to 170deg`);
+    throw new DeclarationError(`"${text}" is not a field of view. Write an angle from 1deg to 170deg`);
   return angle;
 }
 

@@ -20,54 +20,22 @@ import { attachPointerControls } from "../ui/pointer-controls";
 import { skip } from "../ui/skip";
 import { adoptStyles } from "../ui/styles";
 import styles from "../ui/ui.css";
-import { watchAnnotations } from "./annotation-watch";
-import { watchCamera } from "./camera-watch";
-import { watchDrops } from "./drop-watch";
-import { FrameCallbacks, type FrameCallback } from "./frame-callbacks";
+import { watchAnnotations, watchCamera, watchDrops, watchMedia, watchTracks } from "./part-watch";
+import { type FrameCallback, FrameCallbacks } from "./frame-callbacks";
 import { MediaElement } from "./media-element";
-import { watchMedia } from "./media-watch";
 import { timesOf } from "./media-fragment";
 import { Poster } from "./poster";
-import { watchTracks } from "./track-watch";
 import { Visibility } from "./visibility";
 
 /** Events of the player that the element dispatches as well. */
-const EVENTS = [
-  "emptied",
-  "loadstart",
-  "durationchange",
-  "loadedmetadata",
-  "loadeddata",
-  "canplay",
-  "play",
-  "playing",
-  "pause",
-  "waiting",
-];
-EVENTS.push(
-  "timeupdate",
-  "progress",
-  "seeking",
-  "seeked",
-  "ratechange",
-  "volumechange",
-  "pathchange",
-  "ended",
-  "error",
-);
+const EVENTS = (
+  "emptied loadstart durationchange loadedmetadata loadeddata canplay play playing pause " +
+  "waiting timeupdate progress seeking seeked ratechange volumechange pathchange ended error"
+).split(" ");
 
 /** `<splat-reel>`. */
 export class SplatReelElement extends MediaElement {
-  static readonly observedAttributes = [
-    "src",
-    "poster",
-    "loop",
-    "muted",
-    "controls",
-    "loading",
-    "preload",
-    "transparent",
-  ];
+  static readonly observedAttributes = "src poster loop muted controls loading preload transparent".split(" ");
 
   /** The player behind the element. */
   readonly player: Player;

@@ -1,4 +1,5 @@
 /** Opens and closes reels: creates the session of a reel, ends it while nobody looks, and begins it again later or after an error. */
+import { type Clock, type GraphicsDevice, Session, type SessionEvents, Sorter, WebglDevice } from "@splatreel/renderer";
 import {
   type Access,
   DeviceLostError,
@@ -10,9 +11,12 @@ import {
 import { OrbitCamera } from "../camera/orbit-camera";
 import type { CameraState, Start } from "../camera/pose";
 import { reachable } from "../camera/reachable";
-import { type Clock, type GraphicsDevice, Session, type SessionEvents, Sorter } from "@splatreel/renderer";
-import { graphicsDeviceOf } from "./graphics";
 import type { Prefetched } from "./prefetched";
+
+/** Return the graphics device of a canvas. onlost, onrestored: called when the browser takes the device away and when it returns. */
+function graphicsDeviceOf(canvas: HTMLCanvasElement, onlost: () => void, onrestored: () => void): GraphicsDevice {
+  return new WebglDevice(canvas, onlost, onrestored);
+}
 
 /** The part of the player that opening a reel needs. */
 export interface LifecycleHost {

@@ -1,10 +1,27 @@
 /** Elements of the page at points of the scene, for a part of the time. This part is loaded on demand. */
 import { messageOf, type Vec3 } from "@splatreel/decoder/internal";
-import { placeOfPoint, type Place } from "../camera/place-of-point";
+import type { View } from "@splatreel/renderer";
 import type { Player } from "../player/player";
 import styles from "./annotations.css";
 import { elementOf } from "./markup";
 import { adoptStyles } from "./styles";
+
+/** Position in the pixels of a view, and depth in front of the camera, in world units. */
+export interface Place {
+  x: number;
+  y: number;
+  depth: number;
+}
+
+/** Return where a view shows a point; null if the point is behind the camera or outside of the picture. */
+export function placeOfPoint({ viewmat: m, fx, fy, cx, cy, width, height, near }: View, point: Vec3): Place | null {
+  const [x, y, depth] = [0, 4, 8].map(
+    (row) => m[row] * point[0] + m[row + 1] * point[1] + m[row + 2] * point[2] + m[row + 3],
+  );
+  if (depth <= near) return null;
+  const place = { x: (fx * x) / depth + cx, y: (fy * y) / depth + cy, depth };
+  return place.x >= 0 && place.x <= width && place.y >= 0 && place.y <= height ? place : null;
+}
 
 /** Milliseconds without a new picture after which points in front are looked for, since that reads the picture back. */
 const REST = 250;
@@ -121,6 +138,6 @@ export function parseTime(text: string | undefined): [number, number] {
     .split(/\s+/)
     .map((part) => Number(part || NaN));
   if (numbers.length !== 2 || !(numbers[0] <= numbers[1]))
-    throw new Error(`data-time="${text}" is no part of the time. Write the seconds of start and end, such as 1.5 3`);
+    throw new Error(`data-time="${text}" is not a part of the time. Write the seconds of start and end, such as 1.5 3`);
   return numbers as [number, number];
 }

@@ -1,11 +1,54 @@
 /** The bar at the bottom: seek bar and buttons, which form one tab stop. */
-import type { HeadsetMode } from "../player/headset-support";
 import type { Player } from "../player/player";
-import { CAPTIONS, CUBE, FULL, HEADSET, PAUSE, PLAY, RESET, SETTINGS, SMALL } from "./icons";
+import { CAPTIONS, CUBE, FULL, HEADSET, MUTED, PAUSE, PLAY, RESET, SETTINGS, SMALL, SOUND } from "./icons";
 import { elementOf } from "./markup";
+import type { HeadsetMode } from "../player/headset-support";
 import { SeekBar } from "./seekbar";
 import { timeText } from "./time-text";
-import { VolumeControl } from "./volume-control";
+
+const VOLUME_MARKUP = `<div class="volume" hidden>
+  <button type="button" class="mute" aria-label="Mute" hidden>${SOUND}</button>
+  <input class="level" type="range" min="0" max="1" step="0.05" aria-label="Volume" />
+</div>`;
+
+/** Keys that the slider handles. Elsewhere they control time, view or focus. Left and right go to the buttons beside it. */
+const KEYS = ["ArrowUp", "ArrowDown", "Home", "End", "PageUp", "PageDown"];
+
+/** The volume control of one player; hidden for a silent reel. */
+class VolumeControl {
+  readonly box: HTMLElement;
+  private readonly button: HTMLButtonElement;
+  private readonly slider: HTMLInputElement;
+
+  constructor(private readonly player: Player) {
+    this.box = elementOf(VOLUME_MARKUP, player.words);
+    this.button = this.box.querySelector(".mute")!;
+    this.slider = this.box.querySelector(".level")!;
+    const { button, slider } = this;
+    button.onclick = () => player.soundtrack.toggle();
+    slider.addEventListener("input", () => {
+      player.soundtrack.volume = Number(slider.value);
+      player.soundtrack.muted = false;
+    });
+    slider.addEventListener("keydown", (event) => KEYS.includes(event.key) && event.stopPropagation());
+  }
+
+  /** Show the present state. */
+  update(): void {
+    const { button, slider } = this;
+    const { available, muted, volume } = this.player.soundtrack;
+    this.box.hidden = button.hidden = !available;
+    const silent = muted || volume === 0;
+    const label = this.player.words(silent ? "Unmute" : "Mute");
+    if (button.title !== `${label} (m)`) {
+      button.replaceChildren(elementOf(silent ? MUTED : SOUND));
+      button.setAttribute("aria-label", label);
+      button.title = `${label} (m)`;
+    }
+    slider.value = String(muted ? 0 : volume);
+    slider.setAttribute("aria-valuetext", `${Math.round(100 * Number(slider.value))} %`);
+  }
+}
 
 const MARKUP = `<div class="bar" role="group" aria-label="Player controls" dir="ltr">
   <div class="row">

@@ -4,7 +4,44 @@ import type { Player } from "../player/player";
 import type { Soundtrack } from "@splatreel/renderer";
 import { MUTED, PLAY } from "./icons";
 import { elementOf } from "./markup";
-import { passGestures } from "./pass-gestures";
+
+/** Pixels above which a move is a drag. */
+const DRAG = 6;
+
+/** Pass the gestures that begin on a button on to the surface below. */
+function passGestures(button: HTMLElement, surface: HTMLElement): void {
+  /** Pressed pointers that have not moved, by id. */
+  const resting = new Map<number, PointerEvent>();
+  let dragged = false;
+  const pass = (): void => {
+    dragged = true;
+    // The surface captures these pointers and receives their further events.
+    for (const event of resting.values()) surface.dispatchEvent(new PointerEvent("pointerdown", event));
+    resting.clear();
+  };
+  button.addEventListener("pointerdown", (event) => {
+    if (resting.size === 0) dragged = false;
+    resting.set(event.pointerId, event);
+    if (resting.size > 1 || event.button !== 0) pass();
+  });
+  button.addEventListener("pointermove", (event) => {
+    const began = resting.get(event.pointerId);
+    if (!began || Math.hypot(event.clientX - began.clientX, event.clientY - began.clientY) <= DRAG) return;
+    pass();
+    surface.dispatchEvent(new PointerEvent("pointermove", event));
+  });
+  for (const name of ["pointerup", "pointercancel", "pointerleave"] as const)
+    button.addEventListener(name, ({ pointerId }) => resting.delete(pointerId));
+  button.addEventListener("click", (event) => dragged && event.stopImmediatePropagation(), { capture: true });
+  button.addEventListener("contextmenu", (event) => event.preventDefault());
+  button.addEventListener(
+    "wheel",
+    (event) => {
+      if (!surface.dispatchEvent(new WheelEvent("wheel", event))) event.preventDefault();
+    },
+    { passive: false },
+  );
+}
 
 /** Milliseconds after which a wait is explained. */
 const EXPLAIN_AFTER = 900;

@@ -1,7 +1,6 @@
 /** The panel for editing a camera path. This part is loaded on demand. */
+import { type Keyframe, nearestFirst, type PathFile } from "../camera/camera-path";
 import { messageOf } from "@splatreel/decoder/internal";
-import { nearestFirst, type Keyframe, type PathFile } from "../camera/camera-path";
-import { appended, lasting, moved, throughViews, without } from "../camera/edit-keyframes";
 import type { PathPlayer } from "../player/path-player";
 import type { Player } from "../player/player";
 import { CLOSE, PAUSE, PLAY } from "./icons";
@@ -12,6 +11,54 @@ import { PathDrawing } from "./path-drawing";
 import fields from "./fields.css";
 import styles from "./path-panel.css";
 import { adoptStyles } from "./styles";
+
+/** Seconds between keyframes of the same reel time. */
+const STEP = 2;
+/** Minimum seconds between keyframes. */
+const LEAST = 0.1;
+
+/** Append a keyframe, as much later as its reel time is later, so that the reel plays at its own rate. */
+export function appended(keyframes: Keyframe[], time: number, viewmat: number[]): Keyframe[] {
+  const last = keyframes.at(-1);
+  const later = last ? time - last.time : 0;
+  return [...keyframes, { at: last ? rounded(last.at + (later >= LEAST ? later : STEP)) : 0, time, viewmat }];
+}
+
+/** Remove a keyframe. The path begins at 0 again. */
+export function without(keyframes: Keyframe[], index: number): Keyframe[] {
+  const left = keyframes.filter((_, i) => i !== index);
+  const first = left[0]?.at ?? 0;
+  return left.map((keyframe) => ({ ...keyframe, at: rounded(keyframe.at - first) }));
+}
+
+/** Move a keyframe to another time after the one before it. Those after it move along. */
+export function moved(keyframes: Keyframe[], index: number, at: number): Keyframe[] {
+  const shift = Math.max(at, keyframes[index - 1].at + LEAST) - keyframes[index].at;
+  return keyframes.map((keyframe, i) => (i < index ? keyframe : { ...keyframe, at: rounded(keyframe.at + shift) }));
+}
+
+/** Scale the path to a duration. */
+export function lasting(keyframes: Keyframe[], seconds: number): Keyframe[] {
+  const now = keyframes.at(-1)?.at ?? 0;
+  if (now === 0) return keyframes;
+  const factor = Math.max(seconds, LEAST * (keyframes.length - 1)) / now;
+  return keyframes.map((keyframe, i) => ({ ...keyframe, at: i === 0 ? 0 : keyframe.at * factor }));
+}
+
+/** Return evenly spaced keyframes through views while the reel plays once, slower if the moves would be too fast. */
+export function throughViews(viewmats: number[][], begin: number, end: number): Keyframe[] {
+  const legs = viewmats.length - 1;
+  const seconds = Math.max(end - begin, LEAST, legs * STEP);
+  return viewmats.map((viewmat, i) => ({
+    at: rounded((i / Math.max(legs, 1)) * seconds),
+    time: begin + (i / Math.max(legs, 1)) * (end - begin),
+    viewmat,
+  }));
+}
+
+function rounded(seconds: number): number {
+  return Math.round(seconds * 1000) / 1000;
+}
 
 const MARKUP = `<section class="sheet path-panel" aria-label="Camera path">
   <header><h2><button type="button" class="fold" aria-expanded="true">Camera path</button></h2><button type="button" class="close" aria-label="Close the camera path">${CLOSE}</button></header>

@@ -1,14 +1,30 @@
 /** The player's loop: in each display frame it advances the time, moves the camera, and sorts and draws the scene. */
+import type { Scene } from "../draw/scene";
+import { layersAt, type Manifest, type Moment, type Stream } from "@splatreel/decoder/internal";
 import type { View } from "../base/view";
 import type { Eye } from "../draw/eye";
-import type { Scene } from "../draw/scene";
 import type { Picture, Stage } from "../draw/stage";
-import type { Manifest, Stream } from "@splatreel/decoder/internal";
 import type { Soundtrack } from "../sound/soundtrack";
 import type { Clock } from "./clock";
 import type { PlayedRanges } from "./played-ranges";
 import type { Resolution } from "./resolution";
-import { isMostlyStatic, sceneAt, staticSceneOf } from "./scene-choice";
+
+/** Return the scene at a moment. */
+function sceneAt({ current, previous }: Moment, { groups }: Manifest): Scene {
+  const layers = [previous, current].flatMap((shown) => (shown ? layersAt(groups[shown.group]) : []));
+  return { layers: [...new Set(layers.map(({ uri }) => uri))], current, previous };
+}
+
+/** Return a scene of the static layers alone, to show before the first group arrives; null if there are none. */
+function staticSceneOf({ loadedLayers: layers }: Stream): Scene | null {
+  return layers.length > 0 ? { layers, current: null, previous: null } : null;
+}
+
+/** Return true if a group has at least as many static as dynamic points, so that a picture without the dynamic ones is worth showing. */
+function isMostlyStatic({ groups }: Manifest, { current }: Moment): boolean {
+  const group = groups[current.group];
+  return layersAt(group).reduce((sum, { points }) => sum + points, 0) >= group.points;
+}
 
 /** Maximum step of the clock in seconds, so that playback continues where it was after the tab was hidden. */
 const LONGEST_STEP = 0.25;

@@ -8,9 +8,12 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from splatreel.kernels import layered, rasterize, similarity
+from splatreel.kernels import photometric, rasterize
 from splatreel.kernels.binning import TILE, Bins, tiles_of
 from splatreel.method.train.terms.term import Due, Iteration, Term, sum_of_weights
+
+LAMBDA_DSSIM = 0.2
+"""Weight of structural similarity in the photometric loss, as in 3DGS and the paper (lambda)."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +22,7 @@ class Photometric(Term[Iteration]):
 
         (1 - lambda_dssim) |image - target|  +  lambda_dssim (1 - SSIM)
 
-    Programs compute it while they draw (`compare`). `kernels/similarity.py` has the formula.
+    Programs compute it while they draw (`compare`). `kernels/photometric.py` has the formula.
 
     Source:
         3DGS, equation 7.
@@ -42,8 +45,6 @@ class ImageSplats(NamedTuple):
         background: [3]; None is black.
         gain: [3] factor on the drawing; None is 1.
         where: [N] bool, splats whose tiles are compared; None compares those of all splats of `bins`.
-        whole: The whole image is compared.
-        learns_gain: The gradient to the gain is wanted.
         unknown: [H, W] bool, pixels without a target; None if all have one.
         fill: Function from a drawing before the gain to the target whose unknown pixels repeat the drawing.
     """
@@ -79,12 +80,7 @@ def compare(
 ) -> Compared:
     """Draw splats, compare the image with `seen.target`, and set `seen.photometric`.
 
-    Args:
-        given: Splats of a view.
-        static: Static splats of the view, also if `given.bins` has them; None if there are none.
-        lambda_dssim: Weight of 1 - SSIM in the photometric loss.
-        seen: The iteration.
-        due: Terms that run in it.
+    `static` are those of the view, also if `given.bins` has them.
     """
     weight = sum_of_weights(Photometric, due)
     others = [(term, factor) for term, factor in due if term.reads_image]
@@ -100,7 +96,9 @@ def _compare_tiles(
 ) -> Compared:
     """Draw and compare only tiles that splats touch, in the image of the static splats."""
     options = lambda_dssim, given.gain, given.background, given.where, given.whole, given.unknown
-    seen.photometric, found = layered.loss_and_gradient(given.bins, given.colors, static, seen.target, *options)
+    seen.photometric, found = photometric.loss_and_gradient_among(
+        given.bins, given.colors, static, seen.target, *options
+    )
     return _scaled(found, np.zeros(3, np.float32), weight)
 
 
@@ -114,7 +112,7 @@ def _compare_image(given: ImageSplats, lambda_dssim: float, seen: Iteration, wei
     if weight:
         tiles = bins.counts > 0 if given.where is None else tiles_of(bins, given.where)
         compared = None if given.whole else tiles.reshape(-(-bins.height // TILE), -1)
-        found = similarity.loss_and_gradient(image, seen.target, lambda_dssim, gain, compared, background)
+        found = photometric.loss_and_gradient(image, seen.target, lambda_dssim, gain, compared, background)
         seen.photometric, d_image, d_gain = found.loss, found.d_image, found.d_gain
         if weight != 1:
             d_image, d_gain = np.float32(weight) * d_image, np.float32(weight) * d_gain
@@ -139,7 +137,6 @@ def _scaled(found: rasterize.Gradients, d_gain: np.ndarray, weight: float = 1.0)
 
 
 def _nothing(given: ImageSplats) -> Compared:
-    """Return gradients of zero."""
     sizes = (2,), (3,), (3,), ()
     zeros = [np.zeros((len(given.colors), *size), np.float32) for size in sizes]
     return Compared(zeros, np.zeros(3, np.float32), np.zeros((len(given.colors), 2), np.float32))

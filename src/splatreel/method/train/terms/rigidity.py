@@ -8,8 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from splatreel.kernels import motion
-from splatreel.method.train.regularizers import Neighbors
-from splatreel.method.train.terms.term import GroupIteration, Term
+from splatreel.method.train.terms.term import GroupIteration, Neighbors, Term
 
 
 @dataclass(frozen=True)

@@ -49,14 +49,7 @@ class Smoothness(Term[GroupIteration]):
 
 
 def choose_span(frame: int, frames: int, last: int, rng: np.random.Generator) -> tuple[int, int, float] | None:
-    """Return two frames and a random position 0..1 between them; None if there are too few frames.
-
-    Args:
-        frame: Frame that was drawn.
-        frames: Number of frames.
-        last: Last frame that the schedule may draw so far.
-        rng: Source of the position.
-    """
+    """Return two frames up to `last` around a drawn frame, and a random position 0..1 between them; None if there are too few."""
     start = min(frame, max(last - TEMPORAL_WINDOW, 0))
     end = min(start + TEMPORAL_WINDOW, last)
     return None if frames < 3 or end <= start else (start, end, float(rng.uniform()))

@@ -11,8 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from splatreel.method.train.terms.depths import Depths
-from splatreel.method.train.terms.term import Iteration, Term
+from splatreel.method.train.terms.term import Depths, Iteration, Term
 
 MIN_VARIANCE = 1e-5
 """Variance of log depths below which a pixel shows one surface."""
@@ -103,10 +102,7 @@ def spread(depths: Depths) -> float:
 def roughness(depths: Depths, image: np.ndarray, span: float) -> float:
     """Return the value of `Roughness`.
 
-    Args:
-        depths: Depths of the view.
-        image: [H, W, 3] uint8 target.
-        span: Typical viewing distance in multiples of the near plane, the unit of inverse depth.
+    `span` is the typical viewing distance in multiples of the near plane, the unit of inverse depth.
     """
     inverse = _inverse_depth(depths, span)
     return float(sum((plain * np.abs(bend)).mean() for bend, plain, _ in _bends(inverse, image, inverse)))

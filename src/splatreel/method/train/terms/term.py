@@ -1,4 +1,7 @@
-"""A term of the sum that training minimizes, and the state of an iteration that terms read and add gradients to."""
+"""A term of the sum that training minimizes, and the state of an iteration that terms read and add gradients to.
+
+The state includes an image of depths (`Depths`) and the nearest neighbors of points, which should move alike (paper section 4.2).
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,91 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 import numpy as np
 
 from splatreel.config import GroupConfig, KeyframeConfig
+from splatreel.kernels import rasterize, splat
 from splatreel.kernels.binning import Bins
 from splatreel.kernels.splat import Splats
 from splatreel.method.deform.protocol import Deformation, Slope
-from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.render import View
-from splatreel.method.train.terms.depths import Depths
+
+MIN_ALPHA = 1e-3
+"""Alpha below which a pixel shows nothing."""
+
+
+@dataclass
+class Depths:
+    """Depths of a view. Only opacities and shapes of splats get gradients, so that misplaced points fade instead of moving.
+
+    Attributes:
+        moments: [H, W, 3] mean log depth over the near plane, its square and its cube.
+        alpha: [H, W] opacity.
+        d_first: [H, W] gradient to the mean, to which terms add.
+        d_second: [H, W] gradient to the mean square, likewise.
+    """
+
+    moments: np.ndarray
+    alpha: np.ndarray
+    _bins: Bins
+    _powers: np.ndarray
+    _sums: np.ndarray
+    d_first: np.ndarray = field(init=False)
+    d_second: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Start with gradients of zero."""
+        self.d_first, self.d_second = np.zeros_like(self.alpha), np.zeros_like(self.alpha)
+
+    @staticmethod
+    def of(splats: Splats, view: View, near: float, bins: Bins | None = None) -> Depths:
+        """Draw the depths of splats. bins: the splats, sorted into tiles; None sorts them."""
+        bins, powers = bins or splat.bin(splats, view.width, view.height), depth_powers(splats.depths, near)
+        sums, alpha = rasterize.forward(bins, powers)
+        shown = np.maximum(alpha, np.float32(MIN_ALPHA))
+        return Depths(sums / shown[..., None], alpha, bins, powers, sums)
+
+    def to_splats(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the gradients to the means2d [N, 2], conics [N, 3] and opacities [N] of the splats."""
+        d_sums, d_alpha = self.to_drawing()
+        found = rasterize.backward(self._bins, self._powers, self._sums, d_sums, self.alpha, d_alpha)
+        return found.means2d, found.conics, found.opacities
+
+    def to_drawing(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the gradients to the blended powers of depths [H, W, 3] and to alpha [H, W]."""
+        shown = np.maximum(self.alpha, np.float32(MIN_ALPHA))
+        first, second, _ = (self.moments[..., k] for k in range(3))
+        d_sums = np.stack([self.d_first / shown, self.d_second / shown, np.zeros_like(first)], -1)
+        d_alpha = -(d_sums[..., 0] * first + d_sums[..., 1] * second) * (self.alpha >= np.float32(MIN_ALPHA))
+        return d_sums, d_alpha
+
+
+def depth_powers(depths: np.ndarray, near: float) -> np.ndarray:
+    """Return the log depths over the near plane, their squares and their cubes, [N, 3], of depths [N]."""
+    depth = np.log(np.maximum(depths, np.float32(near)) / np.float32(near))
+    square = depth * depth
+    return np.stack([depth, square, square * depth], 1)
+
+
+@dataclass(frozen=True)
+class Neighbors:
+    """The K nearest neighbors of N points, by rank.
+
+    Attributes:
+        index: [K, N] int64.
+        closeness: [K, N], 1 where two points coincide.
+    """
+
+    index: np.ndarray
+    closeness: np.ndarray
+
+    @staticmethod
+    def of(means: np.ndarray, count: int) -> Neighbors | None:
+        """Find up to `count` neighbors for each of the means [N, 3]; return None for fewer than two points."""
+        if len(means) < 2:
+            return None
+        index, distance = splat.nearest_neighbors(means, min(count, len(means) - 1))
+        width = 2 * max(np.quantile(distance[:, -1], 0.5, method="lower"), np.float32(1e-9))
+        closeness = np.exp(-((distance / width) ** 2))
+        # An iteration uses one rank of all points.
+        return Neighbors(np.ascontiguousarray(index.T), np.ascontiguousarray(closeness.T))
 
 
 class Moment(Protocol):
@@ -36,21 +118,13 @@ class Iteration:
     """Values of one iteration that terms read, and the gradients that they add to.
 
     Attributes:
-        iteration: Number of the iteration.
-        share: Share of training that is over, 0..1.
-        camera: Number of the camera.
         moment: Time of the image, in frames of the group; 0 for keyframes.
-        view: View that was drawn.
-        near: Near plane, world units.
-        unit: Typical viewing distance, world units.
         target: [H, W, 3] uint8 training image.
         points: Unconstrained arrays by name, as in `TrainablePoints`; of a group also dx [N, 3] and dq [N, 4], the offsets at the
             moment.
-        splats: The points, projected to the view.
         bins: The splats, sorted into tiles; None if only other splats were sorted with them.
         photometric: Photometric loss; None if it was not computed.
         image: [H, W, 3] drawing with background and color gain, 0..1; None unless a term of the iteration `reads_image`.
-        d_image: Gradient to `image`.
         gradients: Gradients to `points` by name, while `Term.add_to_points` runs.
         custom: Values and gradients that functions of a user returned, by the ids of their terms.
     """
@@ -99,7 +173,6 @@ class GroupIteration(Iteration):
     """An iteration of a group.
 
     Attributes:
-        deformation: Model of motion.
         neighbors: Nearest neighbors; None for fewer than two points.
         rank: Rank of the neighbor that rigidity compares each point with; None without this term.
         span: First and last frame that smoothness looks at, and a position 0..1 between them; None without this term.
@@ -124,10 +197,8 @@ class Term(Generic[Seen]):
     after it.
 
     Attributes:
-        name: Name in messages.
         weight: Field of `KeyframeConfig` or `GroupConfig` with the weight, 0 to turn the term off; None means 1.
         every: The term runs in iterations first, first + every and so on, with `every` times its weight.
-        first: See `every`.
         block: Number of successive iterations that `every` and `first` count as one. A CPU runs two iterations at a time, and both
             should take equally long.
         after: Share of training after which the term runs.
