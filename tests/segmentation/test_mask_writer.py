@@ -16,7 +16,7 @@ from splatreel.capture.masks import RECORD
 from splatreel.capture.opening import open_capture
 from splatreel.capture.time_steps import OwnFrames
 from splatreel.segmentation.clean_plate import fitting_plates
-from splatreel.segmentation.mask_writer import MODEL, WrittenMasks, write_masks
+from splatreel.segmentation.mask_writer import MODEL, WrittenMasks, _claim, _disagreeing, write_masks
 from tests.segmentation import scenes
 
 FRAMES = 8
@@ -177,3 +177,16 @@ def test_clean_plates_that_contradict_the_capture_are_said_and_not_used() -> Non
     assert said[0] == "of c0 shows what camera"
     assert "another light, 0.5 times" in notes[2]
     assert "another zoom" in notes[3]
+
+
+def test_cameras_that_contradict_the_others_are_named() -> None:
+    (said,) = _disagreeing(["a", "b", "c"], np.array([0.1, 0.1, 0.0]), np.array([0.04, 0.02, 0.0]))
+    assert said.startswith("in a (40% of the subject's area), the image and the other views disagree")
+
+
+def test_masks_begun_with_networks_are_not_continued_without_them(scene: Path, tmp_path: Path) -> None:
+    capture = open_capture(scene, held_out=[])
+    assert isinstance(capture, FileCapture)
+    _claim(capture, tmp_path / "masks", None, people=True)
+    with pytest.raises(CaptureError, match=r"was begun with networks of people.*pip install --no-deps mediapipe"):
+        make(scene, tmp_path / "masks")

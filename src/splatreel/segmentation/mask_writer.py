@@ -21,7 +21,7 @@ from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import LOCAL
 from splatreel.capture.images import encode_image
 from splatreel.capture.mask_shares import describe_shares
-from splatreel.capture.masks import RECORD, read_mask_record
+from splatreel.capture.masks import DOUBT, RECORD, read_mask_record
 from splatreel.capture.time_steps import CountedSource
 from splatreel.method.layering.masks import Segmenter
 from splatreel.segmentation.clean_plate import fitting_plates, read_clean_plates
@@ -34,6 +34,8 @@ CHUNK = 8
 """Number of moments that are read at a time."""
 STANDING = 0.0005
 """Share of an image that somebody who never moves must cover to be reported."""
+DISAGREEING = 0.3
+"""Area in doubt, relative to that of the subject, above which a camera is reported."""
 FAINTEST = 0.0005
 """Smallest share of the images that a subject covers, at least in one camera and moment."""
 VERSION = 5
@@ -104,7 +106,7 @@ def write_masks(
     notes += _standing(names, model)
     if people is None:
         notes.append(f"people were found by motion and colors only. Networks find them better: {how_to_install()}")
-    written, shares = 0, []
+    written, covered = 0, []
     progress.stage("writing masks", len(plan))
     for steps in _chunks(list(plan)):
         wanted = [(t, c, file) for t, step in enumerate(steps) for c, file in plan[step].items() if not file.exists()]
@@ -113,10 +115,13 @@ def write_masks(
             threads.map_parallel(lambda job, masks=masks: _save(job[2], masks[job[0], job[1]]), wanted)
             written += len(wanted)
         for step in steps:
-            shares.append([_share(plan[step][c]) if c in plan[step] else np.nan for c in range(len(names))])
-        progress.update(len(shares))
+            unread = np.nan, np.nan
+            covered.append([_shares(plan[step][c]) if c in plan[step] else unread for c in range(len(names))])
+        progress.update(len(covered))
+    shares, doubtful = np.moveaxis(np.array(covered), 2, 0)
     means = dict(zip(names, np.nanmean(shares, 0).tolist(), strict=True))
-    by_step = dict(zip(plan, shares, strict=True))
+    notes += _disagreeing(names, np.nanmean(shares, 0), np.nanmean(doubtful, 0))
+    by_step = dict(zip(plan, shares.tolist(), strict=True))
     within = range(capture.first_frame, capture.first_frame + capture.frames)
     unseen = [np.nan] * len(names)
     notes += describe_shares(names, np.array([by_step.get(step, unseen) for step in within]), capture.first_frame)[1:]
@@ -265,9 +270,26 @@ def _save(file: Path, mask: np.ndarray) -> None:
     write_bytes(file, encode_image(mask, ".png"))
 
 
-def _share(file: Path) -> float:
+def _shares(file: Path) -> tuple[float, float]:
+    """Return the shares of the subject and of gray, which is in doubt, in a mask."""
     with Image.open(LOCAL.source(file)) as image:
-        return float((np.asarray(image.convert("L")) > 127).mean())
+        mask = np.asarray(image.convert("L"))
+    return float((mask > 127).mean()), float(((mask > DOUBT[0]) & (mask < DOUBT[1])).mean())
+
+
+def _disagreeing(names: list[str], shares: np.ndarray, doubtful: np.ndarray) -> list[str]:
+    """Return a sentence about cameras whose image and the other views contradict each other."""
+    found = [
+        f"{name} ({doubt / share:.0%} of the subject's area)"
+        for name, share, doubt in zip(names, shares, doubtful, strict=True)
+        if doubt > DISAGREEING * share > 0
+    ]
+    if not found:
+        return []
+    return [
+        f"in {', '.join(found)}, the image and the other views disagree about gray pixels. Look at these masks, and paint the gray white "
+        f"or black"
+    ]
 
 
 def _write_record(folder: Path, record: dict[str, Any]) -> None:

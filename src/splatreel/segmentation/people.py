@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,8 @@ from splatreel.base.untrusted import read_file
 
 INSTALL = "pip install --no-deps mediapipe==0.10.21"
 """Command that installs the networks. With its dependencies, pip would install JAX and others, which nothing here uses."""
+NEWEST = (3, 12)
+"""Newest Python that this version has wheels for."""
 LARGEST = 32 << 20
 """Largest size of a file of a network, bytes."""
 FILES = {
@@ -243,7 +246,8 @@ def find_people() -> People | None:
 
 def how_to_install() -> str:
     """Return the commands that install what `find_people` needs."""
-    return f"{install_command('people')}, then {INSTALL}"
+    newer = " (docs/install.md has the command for this Python)" if sys.version_info[:2] > NEWEST else ""
+    return f"{install_command('people')}, then {INSTALL}{newer}"
 
 
 def _load(path: Path, expected: str) -> Network:
