@@ -287,8 +287,8 @@ def _disagreeing(names: list[str], shares: np.ndarray, doubtful: np.ndarray) -> 
     if not found:
         return []
     return [
-        f"in {', '.join(found)}, the image and the other views disagree about gray pixels. Look at these masks, and paint the gray white "
-        f"or black"
+        f"in {', '.join(found)}, the image and the other views disagree about gray pixels. Look at these masks, and paint the gray "
+        f"white or black"
     ]
 
 
