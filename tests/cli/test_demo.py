@@ -21,7 +21,7 @@ from splatreel.cli.main import main
 from splatreel.cli.options import with_set
 from splatreel.codec.preview import write_preview
 from splatreel.config import preset
-from splatreel.play.demo_page import sample_reel
+from splatreel.play import demo_page
 from splatreel.run import groups
 from tests.codec.reels import new_header, points, write_reel
 from tests.golden import PREDICTIVE
@@ -86,7 +86,7 @@ def test_demo_makes_a_reel_and_a_report_and_is_continued(
 
 @pytest.fixture
 def sample(monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(sample_reel, "SAMPLE", PREDICTIVE)
+    monkeypatch.setattr(demo_page, "SAMPLE", PREDICTIVE)
     return PREDICTIVE
 
 
@@ -141,7 +141,7 @@ def test_page_plays_the_sample_and_links_to_the_own_reel_once_it_can_be_watched(
 def test_a_package_without_the_sample_shows_the_own_reel_only(
     lines: Lines, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(sample_reel, "SAMPLE", tmp_path / "none")
+    monkeypatch.setattr(demo_page, "SAMPLE", tmp_path / "none")
     with demo.demo_player(lines, tmp_path, serve=True) as player:
         assert player is not None
         assert "finished reel" not in capsys.readouterr().out

@@ -10,7 +10,8 @@ import pytest
 
 from splatreel.cli.main import main
 from splatreel.formats.ply import read_columns, read_ply
-from splatreel.formats.registry import FRAME_FORMATS, PROGRAMS, FrameKind, ProgramName, is_antialiased, read_splats
+from splatreel.formats.programs import PROGRAMS, FrameKind, ProgramName
+from splatreel.formats.registry import FRAME_FORMATS, is_antialiased, read_splats
 from splatreel.formats.splat_columns import Remarks
 from splatreel.play.gaussian_export import GaussianExport
 from splatreel.play.timeline import Timeline, open_reel

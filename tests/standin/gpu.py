@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import pytest
 import torch
 
+from splatreel.run import device_choice
 from tests.standin import gsplat
 from tests.standin.device import WAITS, Asked
 
@@ -20,6 +21,8 @@ def without_gsplat() -> Iterator[None]:
         patch.setattr(importlib.util, "find_spec", lambda name, *rest: None if name == "gsplat" else find(name, *rest))
         patch.setitem(sys.modules, "gsplat", None)  # makes the import fail
         patch.setitem(sys.modules, "gsplat.cuda._wrapper", None)
+        patch.setattr(device_choice, "cuda_devices", lambda: ["stand-in"])
+        patch.setattr(device_choice, "may_have_gpu", lambda: True)
         patch.setattr(torch.cuda, "is_available", lambda: True)
         with Asked():
             yield
@@ -32,6 +35,8 @@ def gpu() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         gsplat.install(patch)
         patch.setattr(importlib.util, "find_spec", lambda name, *rest: name == "gsplat" or find(name, *rest))
+        patch.setattr(device_choice, "cuda_devices", lambda: ["stand-in"])
+        patch.setattr(device_choice, "may_have_gpu", lambda: True)
         patch.setattr(torch.cuda, "is_available", lambda: True)
         patch.setattr(torch.cuda, "mem_get_info", lambda device=None: (40 << 30, 80 << 30))
         patch.setattr(torch.cuda, "max_memory_allocated", lambda device=None: 1 << 30)

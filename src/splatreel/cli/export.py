@@ -13,7 +13,7 @@ from splatreel.base.errors import UsageError
 from splatreel.base.new_folder import created
 from splatreel.cli.options import AXES, ReelAddress, check_out, megabytes, parse_frames, reel_folder
 from splatreel.cli.printing import counted, say
-from splatreel.formats.registry import FrameKind, Program, ProgramName
+from splatreel.formats.programs import FrameKind, Program, ProgramName
 
 if TYPE_CHECKING:
     import numpy as np
@@ -144,7 +144,7 @@ def _kind(out: Path, format: FrameKind | None) -> str | None:
 
 
 def _program(name: ProgramName | None) -> Program | None:
-    from splatreel.formats.registry import PROGRAMS
+    from splatreel.formats.programs import PROGRAMS
 
     return None if name is None else PROGRAMS[name]
 

@@ -67,6 +67,12 @@ class CaptureOptions:
     leave_out: str | None = None
     """Names of cameras that are not read at all, as NAME,NAME."""
 
+    def check(self) -> None:
+        """Raise `UsageError` unless frames and names are written correctly."""
+        parse_frames(self.frames)
+        parse_held_out(self.hold_out)
+        parse_left_out(self.leave_out)
+
     def source(self, path: str | Path, masks: str | None = None) -> CaptureSource:
         """Return how to open a capture, or the subject of it that a folder of masks shows.
 

@@ -244,6 +244,7 @@ def reconstruct(
     machines.check(out, follow=following.follow, estimate=estimate)
     from splatreel.base.display import console
 
+    frames_and_size.check()
     if not estimate:
         names = (without_secrets(str(address)) for address in (capture, out))
         say(f"Reconstructing {' into '.join(names)}", flush=True)  # before the imports, which take seconds

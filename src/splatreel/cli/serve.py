@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Literal
 from splatreel.base.errors import UsageError
 from splatreel.cli.options import OptionalReel, ReelAddress, megabytes, parse_names, reel_folder
 from splatreel.cli.printing import print_qr_code, say
-from splatreel.play.demo_page import sample_reel
 
 if TYPE_CHECKING:
     from splatreel.evaluation.page.report_page import ServedReport
@@ -99,6 +98,8 @@ def view(
     """
     if sample == (reel is not None):
         raise UsageError("Name either a reel or --sample, such as `splatreel view out/demo`.")
+    from splatreel.play.demo_page import sample_reel
+
     folder = sample_reel() if reel is None else reel_folder(reel)
     if renderer == "webgl":
         from splatreel.play.server import Server

@@ -380,7 +380,7 @@ class GsplatGroupProgram(GsplatProgram[Draw]):
         gain = self._gains[draw.camera]
         config, unit = self._state.config, self.images.unit
         target = self.target(draw, draw.frame, image, gain)
-        loss = drawing.photometric(image, target, config.lambda_dssim, gain)
+        loss = drawing.photometric(image, target, LAMBDA_DSSIM, gain)
 
         total = loss
         bands, rigid, smooth = (

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.base.errors import ReelError
-from splatreel.formats.registry import FRAME_FORMATS, Placement, Program
+from splatreel.formats.programs import Program
+from splatreel.formats.registry import FRAME_FORMATS, Placement
 from splatreel.play.timeline import Timeline
 from splatreel.scene.gaussians import Gaussians, turn_upright
 from splatreel.scene.volumes import Volume
