@@ -149,8 +149,9 @@ def advise(folder: Path, is_capture: Callable[[Path], bool]) -> str | None:
         CaptureError: Two videos have the same name.
     """
     inside = [entry for entry in list_folder(folder) if entry.is_dir()]
-    if below := next((entry for entry in inside if is_capture(entry)), None):
-        return f"Its folder {below.name} looks like a capture: give {below}."
+    if below := [entry for entry in inside if is_capture(entry)]:
+        others = f"Its folders {listed([entry.name for entry in below])} look like captures: give one of them, such as {below[0]}."
+        return others if len(below) > 1 else f"Its folder {below[0].name} looks like a capture: give {below[0]}."
     for place in [folder, *inside]:
         videos = video_files(place, segmented=True)
         if len(videos) >= MIN_CAMERAS:

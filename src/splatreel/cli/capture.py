@@ -49,8 +49,8 @@ def capture_check(
 ) -> None:
     """Read a whole capture, and report what it holds and whether it can be reconstructed.
 
-    Fails if the poses do not fit each other or the images, if two cameras have the same pose, or if masks contradict each other. Cameras
-    so far apart that nothing confirms their poses are no fault.
+    Fails if the poses do not fit each other or the images, if two cameras have the same pose, or if masks contradict each other.
+    Cameras so far apart that nothing confirms their poses are no fault.
 
     Args:
         capture: Folder or address of the videos or images and their cameras.

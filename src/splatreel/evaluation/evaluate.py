@@ -398,7 +398,7 @@ def choose_cameras(capture: Capture, manifest: Manifest, names: Sequence[str] | 
     masked = [name for name in names if name not in capture.unmasked]
     if not masked:
         raise UsageError(
-            f"{capture.path}: there are no masks of {listed(list(names))}, so the subject cannot be compared with these images. Add their "
+            f"{capture.path}: there are no masks of {listed(list(names))}, so the subject cannot be compared with their images. Add "
             f"masks to the folder, or name cameras that have masks: --cameras NAME,NAME."
         )
     return [capture.camera(name) for name in masked]

@@ -352,8 +352,8 @@ def judge_poses(coverage: Coverage) -> CaptureVerdict:
         return CaptureVerdict(["the masks are black: they show no subject. Make them again, or leave out --masks"])
     if typical >= FEWEST_SHARED or coverage.masks_fit or _trial_confirms_poses(coverage):
         if apart := coverage.misfitting(MASK_CONTRADICTS):
-            contradict = f"{_CONTRADICT} {apart}. Other evidence confirms the poses, so the masks are wrong: of another capture, shifted, or of"
-            return CaptureVerdict([f"{contradict} other frames? Correct them, or make them again"])
+            wrong = "Other evidence confirms the poses, so the masks are wrong: of another capture, shifted, or of other frames?"
+            return CaptureVerdict([f"{_CONTRADICT} {apart}. {wrong} Correct them, or make them again"])
         return CaptureVerdict([], expected)
     if apart := coverage.misfitting(MASK_MISFIT):
         remedy = (
@@ -363,12 +363,9 @@ def judge_poses(coverage: Coverage) -> CaptureVerdict:
     few = f"{typical:.0f} point{'s' * (typical >= 1.5)} or fewer" if typical >= 1 else "no points"
     common = f"half of the cameras have {few} in common with two others"
     if coverage.mask_fits is None and (apart_by := float(np.median(coverage.angles))) < NEAR:
-        return CaptureVerdict(
-            [
-                f"the images do not confirm the poses: {common}, though they are only {apart_by:.0f} degrees apart. The poses are wrong, or "
-                f"the images show too little detail: check the calibration"
-            ]
-        )
+        near = f"though they are only {apart_by:.0f} degrees apart"
+        remedy = "The poses are wrong, or the images show too little detail: check the calibration"
+        return CaptureVerdict([f"the images do not confirm the poses: {common}, {near}. {remedy}"])
     masks = f". {_why_masks_confirm_nothing(coverage)}" if coverage.mask_fits else "."
     unconfirmed = f"the poses cannot be confirmed by images this far apart: {common}{masks}"
     return CaptureVerdict([], expected, unconfirmed, coverage.mask_fits is None)
