@@ -109,8 +109,8 @@ class MaskFiles:
         self.notes = [f"masks of {', '.join(names)} {pairing}" for pairing, names in self._pairings.items()]
         if self.absent:
             self.notes.append(
-                f"{folder}: there are no masks of {listed(self.absent)}, which training does not need. `evaluate` compares with cameras "
-                f"that have masks"
+                f"{folder}: there are no masks of {listed(self.absent)}, which training does not need. `evaluate` compares with "
+                f"cameras that have masks"
             )
 
     def read(self, first: int, count: int, name: str) -> np.ndarray:

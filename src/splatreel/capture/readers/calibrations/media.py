@@ -97,8 +97,8 @@ def find_media(path: Path, names: list[str], origin: Path, partial: bool = False
                 if len(usual) > 1:
                     recordings = ", ".join(g.recording.relative_to(path).as_posix() for g in usual)
                     raise CaptureError(
-                        f"{path}: several folders have {kind} of the cameras in {origin.name}: {recordings}. Give the one to read, such "
-                        f"as {quoted([usual[0].recording])}."
+                        f"{path}: several folders have {kind} of the cameras in {origin.name}: {recordings}. Give the one to read, "
+                        f"such as {quoted([usual[0].recording])}."
                     )
                 found = [fit for fit in found if fit[0] is usual[0]]
             if found:
