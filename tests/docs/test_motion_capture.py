@@ -97,7 +97,16 @@ def test_the_page_is_right(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caps
     write_demo(Path(WHERE))
     asked = commands()
     verbs = [" ".join(command[: 1 + (command[0] == "capture")]) for command in asked]
-    assert verbs == "capture check,capture masks,capture check,reconstruct,edit,serve,export,publish".split(",")
+    assert verbs == [
+        "capture check",
+        "capture masks",
+        "capture check",
+        "reconstruct",
+        "edit",
+        "serve",
+        "export",
+        "publish",
+    ]
     said = {}
     for number, (verb, command) in enumerate(zip(verbs, asked, strict=True)):
         if verb not in ("serve", "publish"):
