@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
@@ -50,7 +50,7 @@ def capture_check(
     """Read a whole capture, and report what it holds and whether it can be reconstructed.
 
     Fails if the poses do not fit each other or the images, if two cameras have the same pose, or if masks contradict each other.
-    Cameras so far apart that nothing confirms their poses are no fault.
+    It does not fail for cameras so far apart that nothing confirms their poses.
 
     Args:
         capture: Folder or address of the videos or images and their cameras.
@@ -102,11 +102,8 @@ def capture_check(
         quoted(["splatreel", "capture", "masks", capture, "--out", "masks", *_options(mine)]),
         quoted(["splatreel", "capture", "check", capture, *_options(given | {"--masks": "masks"})]),
     )
-    text = (
-        f"It can be read; nothing else was checked. Run\n  {command}"
-        if verdict is None
-        else verdict.text(command, with_masks)
-    )
+    unjudged = f"It can be read; nothing else was checked. Run\n  {command}"
+    text = unjudged if verdict is None else verdict.text(command, with_masks)
     if page is not None:
         from splatreel.evaluation.page.check_page import CheckFacts, check_page
         from splatreel.evaluation.report import write_text
@@ -120,7 +117,7 @@ def capture_check(
     say(text)
 
 
-def _options(given: dict[str, object]) -> list[str]:
+def _options(given: Mapping[str, object]) -> list[str]:
     """Return the arguments of options that are given."""
     return [part for name, value in given.items() if value is not None for part in option(name, value)]
 

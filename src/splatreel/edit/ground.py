@@ -278,9 +278,9 @@ def _gaussians(plane: _Plane, cameras: list[Camera], plates: np.ndarray, near: f
     if not seen.any():
         return Gaussians.empty(0)
     spread = _spread(colors, seen)
-    known = spread < AGREE
+    known: np.ndarray = spread < AGREE
     if np.isfinite(spread).sum() < FEW_SHARED * seen.any(0).sum():
-        known |= seen.sum(0) == 1
+        known = known | (seen.sum(0) == 1)
     if not known.any():
         known = seen.any(0)
     color = np.zeros((known.size, 3))

@@ -345,7 +345,7 @@ def judge_capture(coverage: Coverage, misfits: list[str]) -> CaptureVerdict:
 def judge_poses(coverage: Coverage) -> CaptureVerdict:
     """Judge whether points, the trial or masks confirm the poses, and whether masks contradict each other.
 
-    Cameras far apart share no points, whatever their poses. Such poses are unconfirmed, which is no fault.
+    Cameras far apart share no points, whatever their poses. Such poses are unconfirmed, and not called wrong.
     """
     expected, typical = _expectation(coverage), float(np.median(coverage.shared))
     if coverage.mask_share is not None and coverage.mask_share < EMPTY:
