@@ -278,7 +278,7 @@ def _gaussians(plane: _Plane, cameras: list[Camera], plates: np.ndarray, near: f
     if not seen.any():
         return Gaussians.empty(0)
     spread = _spread(colors, seen)
-    known: np.ndarray = spread < AGREE
+    known = np.less(spread, AGREE)
     if np.isfinite(spread).sum() < FEW_SHARED * seen.any(0).sum():
         known = known | (seen.sum(0) == 1)
     if not known.any():
