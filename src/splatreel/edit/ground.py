@@ -285,7 +285,7 @@ def _gaussians(plane: _Plane, cameras: list[Camera], plates: np.ndarray, near: f
         known = seen.any(0)
     color = np.zeros((known.size, 3))
     color[known] = np.nanmedian(np.where(seen[..., None], colors, np.nan)[:, known], 0)
-    color = _filled(color.reshape(grid.shape), known.reshape(out.shape), SOFT_TEXTURE * plane.height / step)
+    color = _filled(color.reshape(grid.shape), np.asarray(known).reshape(out.shape), SOFT_TEXTURE * plane.height / step)
     inside_border = out < 1
     places, out, color = grid[inside_border], out[inside_border], color[inside_border]
     count = len(places)
