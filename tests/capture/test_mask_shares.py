@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from splatreel.capture.mask_shares import describe_shares, describe_sizes, mask_shares
+from splatreel.capture.mask_shares import describe_motion, describe_shares, describe_sizes, mask_shares
 from splatreel.scene.camera import Camera, facing
 from tests.segmentation import scenes
 
@@ -78,3 +78,24 @@ def test_sizes_that_distances_do_not_explain_are_named() -> None:
     assert "times larger)" in said
     assert describe_sizes(cameras[:2], masks[:, :2]) == []
     assert describe_sizes(cameras, np.zeros_like(masks)) == []
+
+
+def test_masks_without_what_moves_are_named() -> None:
+    """Masks of another capture and shifted ones may fit each other."""
+    images, shown = scenes.film(9)
+    images, masks = images[[0, 8]], np.where(shown[[0, 8]], 255, 0).astype(np.uint8)
+    assert describe_motion(NAMES6, images, masks) == []
+    assert describe_motion(NAMES6, images[[0, 0]], masks[[0, 0]]) == [], "nothing moves"
+    shifted = np.roll(masks, scenes.WIDTH // 5, -1)
+    head = masks.copy()
+    for mask in head.reshape(-1, *masks.shape[2:]):
+        mask[np.flatnonzero(mask.any(1))[0] + 4 :] = 0
+    for wrong in (shifted, head):
+        [said] = describe_motion(NAMES6, images, wrong)
+        assert "c0 (" in said
+        assert "are they shifted, of another capture, or of a part of the subject" in said
+    shifted[:, 1:] = masks[:, 1:]
+    assert "in c0 (" in describe_motion(NAMES6, images, shifted)[0]
+
+
+NAMES6 = [camera.name for camera in scenes.ring()]

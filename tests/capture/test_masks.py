@@ -321,6 +321,21 @@ def test_cameras_that_are_not_compared_need_no_masks(scene: Path, tmp_path: Path
         masked(scene, masks)
 
 
+@pytest.mark.parametrize("empty", [False, True])
+def test_held_out_cameras_need_no_masks(scene: Path, tmp_path: Path, empty: bool) -> None:
+    masks = write_masks(tmp_path / "masks")
+    shutil.rmtree(masks / "2")
+    if empty:
+        (masks / "2").mkdir()
+    capture = masked(scene, masks, held_out=["2"])
+    assert list(capture.unmasked) == ["2"]
+    assert "there are no masks of 2, which training does not need" in capture.notes[-1]
+    assert not capture.alpha(0, 5, ["2"]).any()
+    assert list(masked(scene, masks, held_out=["1"], masked=["1", "2"]).unmasked) == ["2"]
+    with pytest.raises(CaptureError, match=r"there are no masks of camera 2|holds no images"):
+        masked(scene, masks, held_out=["1"])
+
+
 def test_masks_of_a_video_that_the_program_made_may_be_of_some_frames(tmp_path: Path) -> None:
     scene, masks = folders.neu3dv(tmp_path / "scene"), tmp_path / "masks"
     capture = open_capture(scene)

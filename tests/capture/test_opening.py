@@ -52,6 +52,11 @@ def test_capture_in_a_subfolder_is_named(tmp_path: Path) -> None:
     shutil.move(folders.neu3dv(tmp_path / "made", frames=1), tmp_path / "coffee")
     with pytest.raises(CaptureError, match=rf"looks like a capture: give {tmp_path / 'coffee'}\."):
         open_capture(tmp_path)
+    shutil.copytree(tmp_path / "coffee", tmp_path / "tea")
+    with pytest.raises(
+        CaptureError, match=r"Its folders coffee, tea look like captures: give one of them, such as .*coffee"
+    ):
+        open_capture(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """`splatreel capture check` on correct poses and on poses that the images do not confirm."""
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from PIL import Image
 from splatreel.cli.main import main
 from splatreel.scene.camera import Camera
 from tests.method import corner
+from tests.segmentation import scenes
 
 COUNT = 5
 
@@ -68,3 +70,35 @@ def test_unconfirmed_poses_fail_the_check(tmp_path: Path, capsys: pytest.Capture
     assert code == 1
     assert "It can be reconstructed" not in out
     assert "Do not reconstruct it as it is" in error
+
+
+def test_far_cameras_get_the_commands_that_confirm_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Six cameras, 60 degrees apart, before backgrounds that have nothing in common."""
+    scene, masks = scenes.write_capture(tmp_path / "my scene", 3), tmp_path / "masks"
+    code, out, _ = check(scene, capsys)
+    assert code == 0
+    assert "the poses cannot be confirmed by images this far apart" in out
+    assert f'splatreel capture masks "{scene}" --out masks\n' in out
+    assert f'splatreel capture check "{scene}" --hold-out none --masks masks\n' in out
+    _, shown = scenes.film(3)
+    write_masks(masks, shown)
+    right = ["capture", "check", str(scene), "--hold-out", "none", "--quick", "--masks", str(masks)]
+    assert main(right) == 0
+    out = capsys.readouterr().out
+    assert "the poses are confirmed by the masks" in out
+    assert "It can be reconstructed" in out
+    write_masks(masks, np.roll(shown, scenes.WIDTH // 5, -1))
+    assert main(right) == 1
+    assert "masks contradict each other" in capsys.readouterr().err
+    shutil.rmtree(masks / "2")
+    write_masks(masks, shown[:, [0, 2, 3, 4, 5]], ["1", "3", "4", "5", "6"])
+    assert main([*right[:3], "--hold-out", "2", *right[5:]]) == 0
+    assert "there are no masks of 2, which training does not need" in capsys.readouterr().out
+
+
+def write_masks(folder: Path, shown: np.ndarray, names: list[str] | None = None) -> None:
+    """Write masks [T, C, H, W] bool."""
+    for name, frames in zip(names or [str(c + 1) for c in range(shown.shape[1])], shown.swapaxes(0, 1), strict=True):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+        for number, mask in enumerate(frames):
+            Image.fromarray(np.where(mask, 255, 0).astype(np.uint8)).save(folder / name / f"{number:06d}.png")

@@ -20,8 +20,11 @@ IN = re.compile(rf"`([A-Za-z_][\w.]*)`(?: and `([A-Za-z_][\w.]*)`)?\s+(?:in|of)\
 WITH = re.compile(rf"`({FILE})`\s+\((?:the \w+ )?`([A-Za-z_][\w.]*)`\)")
 COLON = re.compile(rf"`({FILE}):([A-Za-z_][\w.]*)`")
 PATHS = re.compile(r"`((?:[\w-]+/)+[\w.-]+\.(?:py|ts|mjs|md|toml|yml))`")
-EXAMPLES = {"NAME.py", "test_NAME.py", "NAME.ts", "YYYY-MM-DD-name.md"}
-"""File names in recipes that stand for others."""
+EXAMPLES = {
+    *("NAME.py", "test_NAME.py", "NAME.ts", "YYYY-MM-DD-name.md"),
+    *("camera_array.toml", "NAME_camera_calibration.toml"),
+}
+"""File names in recipes that stand for others, and files of other programs."""
 
 
 def claims(text: str) -> set[tuple[str, str]]:

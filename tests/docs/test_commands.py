@@ -159,7 +159,13 @@ def names(text: str) -> Iterator[str]:
 FOREIGN = {
     *("NAME.py", "NAME.ts", "test_NAME.py", "utils.py", "vVERSION", "cam_N", "cam00.ts", "decoder.js"),
     *("AudioDecoder", "decodeAudioData", "CameraFrame", "GSplatProcessor", "antiAlias", "from_gltf", "from_usd"),
-    *("camera_data.py", "nerfstudio_dataparser.py", "export_perframe_3DGS.py"),
+    *(
+        "camera_array.toml",
+        "NAME_camera_calibration.toml",
+        "camera_data.py",
+        "nerfstudio_dataparser.py",
+        "export_perframe_3DGS.py",
+    ),
     *("control_x_", "motion_xyz_", "rot_r_", "transforms_val", "DGV_DeskGames", "MeshPhysicalMaterial"),
 }
 """Names of other programs, and placeholders."""

@@ -46,9 +46,20 @@ def checked_floor(camera: Camera) -> np.ndarray:
 
 def test_plane_is_where_the_cameras_agree() -> None:
     rig = cameras()
-    plates = np.stack([checked_floor(camera) for camera in rig])
-    found = _best(PLANE, rig, plates)
+    noise = np.random.default_rng(0).normal(0, 0.05, (4, 120, 160, 3))
+    found = _best(PLANE, rig, np.stack([checked_floor(camera) for camera in rig]) + noise)
     assert abs(found.center[1] - FLOOR) < 0.02
+    assert np.array_equal(found.up, UP), "level, although noise agrees a little better in a tilted plane"
+
+
+def test_plane_is_tilted_where_the_cameras_agree_much_better() -> None:
+    rig = cameras()
+    up = np.array([np.sin(np.radians(-3)), np.cos(np.radians(3)), 0])
+    found = _best(
+        replace(PLANE, up=up, right=np.array([up[1], -up[0], 0])),
+        rig,
+        np.stack([checked_floor(camera) for camera in rig]),
+    )
     assert found.up @ UP > np.cos(np.radians(1.5))
 
 
@@ -69,6 +80,25 @@ def test_place_that_no_camera_shows_takes_the_colors_around_it() -> None:
     plates = np.full((4, 120, 160, 3), 0.3)
     points = _gaussians(PLANE, rig, plates, 0.1)
     assert np.allclose(points.base_colors, 0.3, atol=0.01)
+
+
+def test_texture_fades_into_a_plain_floor_where_nothing_is_known() -> None:
+    """Cameras show a small part of the floor. Each has a wall of another color behind it."""
+    rig = cameras()
+    plates = np.stack([checked_floor(camera) for camera in rig])
+    x, z = _gaussians(PLANE.raised(0.1), rig, plates, 0.1).means[:, [0, 2]].T
+    for number, (camera, plate) in enumerate(zip(rig, plates, strict=True)):
+        rays = unproject(camera, np.ones((camera.height, camera.width))) - camera.center
+        places = camera.center + rays * ((FLOOR - camera.center[1]) / np.minimum(rays[..., 1], -1e-6))[..., None]
+        plate[np.hypot(places[..., 0], places[..., 2]) > 0.5] = np.eye(4)[number, :3]
+    points = _gaussians(PLANE.raised(0.1), rig, plates, 0.1)
+    assert np.allclose(points.means[:, [0, 2]].T, [x, z]), "the outline does not depend on what is known"
+    out = np.hypot(x, z)
+    plain = points.base_colors[out > 0.75]
+    assert np.ptp(plain, axis=0).max() < 0.02
+    near = points.base_colors[out < 0.35]
+    assert np.abs(near[:, 0] - (0.5 + 0.3 * np.sin(7 * x[out < 0.35]))).mean() < 0.03
+    assert np.abs(plain.mean(0) - np.median(near, 0)).max() < 0.15
 
 
 def test_plane_that_no_two_cameras_show_stays_at_the_feet() -> None:

@@ -105,6 +105,17 @@ def test_masked_reel_shows_the_subject_alone(masked: Path) -> None:
     assert outside(masked) < 0.02
 
 
+def test_evaluation_names_cameras_without_masks(masked: Path) -> None:
+    capture = MaskedCapture(wall(), ClusterMasks(), (0.0, 0.0, 0.0), unmasked=[HELD_OUT])
+    with pytest.raises(UsageError, match=rf"there are no masks of {HELD_OUT}, so the subject cannot be compared"):
+        evaluate(masked, capture, lpips_every=0)
+    capture.unmasked = ["cam04"]
+    report = evaluate(masked, capture, cameras=["cam03", "cam04"], lpips_every=0)
+    assert [camera["name"] for camera in report.cameras] == ["cam03"]
+    assert report.unmasked == ["cam04"]
+    assert "Not compared, because there are no masks of them: cam04." in report.to_markdown()
+
+
 def test_masked_reel_is_as_its_masked_held_out_view(masked: Path) -> None:
     report = evaluate(masked, subject((0.0, 0.0, 0.0)), lpips_every=0)
     assert report.held_out == [HELD_OUT]

@@ -125,7 +125,10 @@ class Capture(ABC):
         left_out: Names of cameras that are not read.
         growing: True while the capture is still being written. `frames` then grows up to `limit`.
         limit: End of the frames of a growing capture, or None.
+        unmasked: Names of cameras whose subject is not known, in a capture of a subject.
     """
+
+    unmasked: Sequence[str] = ()
 
     def __init__(
         self,

@@ -22,6 +22,13 @@ RANGE = 0.15
 UNLIKE = 4.0
 """Smallest ratio of a camera's share to the one that the distances of the cameras explain."""
 
+COMPARED_WIDTH = 480
+"""Largest width of the images in which motion is searched, pixels."""
+CHANGED, MOVING = 30, 0.002
+"""Smallest change of a pixel by motion, gray levels, and share of an image that changes where something moves."""
+NEAR_MASK, FEW_CHANGES = 0.02, 0.3
+"""Distance from a mask within which changes are its own, in widths of the image; and the share of changes below which it is named."""
+
 
 def mask_shares(masks: np.ndarray) -> np.ndarray:
     """Return the shares [...] of masks [..., H, W] uint8 that show the subject, 0..1."""
@@ -114,6 +121,36 @@ def describe_sizes(cameras: Sequence[Camera], masks: np.ndarray) -> list[str]:
         return []
     return [
         f"masks are not as large as the distances of the cameras explain, in {listed(odd)}: look at these masks, and at the poses"
+    ]
+
+
+def describe_motion(names: Sequence[str], images: np.ndarray, masks: np.ndarray) -> list[str]:
+    """Return a sentence about cameras whose masks hold hardly any of what changes between two moments.
+
+    Such masks are shifted, of another capture, or of a part of the subject.
+
+    Args:
+        names: Names of the cameras.
+        images: [2, C, H, W, 3] uint8 of two moments.
+        masks: [2, C, H, W] uint8.
+    """
+    from scipy.ndimage import maximum_filter, uniform_filter  # takes a second
+
+    step = max(1, images.shape[3] // COMPARED_WIDTH)
+    small = uniform_filter(images[:, :, ::step, ::step].astype(np.float32), (0, 0, 3, 3, 0))
+    changed = np.abs(small[1] - small[0]).max(-1) > CHANGED
+    near = 2 * int(NEAR_MASK * changed.shape[2]) + 1
+    within = maximum_filter((masks[:, :, ::step, ::step] >= SHOWN).any(0), (0, near, near))
+    found = [
+        f"{name} ({(change & held).sum() / change.sum():.0%})"
+        for name, change, held in zip(names, changed, within, strict=True)
+        if change.mean() >= MOVING and (change & held).sum() < FEW_CHANGES * change.sum()
+    ]
+    if not found:
+        return []
+    return [
+        f"masks hold hardly any of what moves, in {listed(found)}: are they shifted, of another capture, or of a part of the subject "
+        f"only?"
     ]
 
 

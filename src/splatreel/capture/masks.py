@@ -16,6 +16,7 @@ import numpy as np
 
 from splatreel.base.command_line import option, quoted
 from splatreel.base.errors import CaptureError
+from splatreel.base.progress import listed
 from splatreel.base.untrusted import read_json
 from splatreel.capture.base import Capture, Color, read_cameras
 from splatreel.capture.capture_sound import Track
@@ -80,8 +81,11 @@ class MaskFiles:
         capture: Capture that they belong to.
         names: Names of the cameras whose masks are read; None means all.
 
+    Attributes:
+        absent: Names of cameras without masks: held-out ones, or those of `names`. Their masks are read as black.
+
     Raises:
-        CaptureError: The masks of a camera are missing, or do not fit its frames or their size.
+        CaptureError: The masks of a camera that is trained on are missing, or masks do not fit their camera's frames or their size.
     """
 
     def __init__(self, folder: str | Path, capture: FileCapture, names: Sequence[str] | None = None) -> None:
@@ -96,12 +100,18 @@ class MaskFiles:
             raise CaptureError(f"{folder}: is not a folder of masks. Give the folder that holds masks for each camera.")
         self._record = read_mask_record(self.folder)
         self._pairings: dict[str, list[str]] = {}
+        wanted = [camera.name for camera in capture.cameras if names is None or camera.name in names]
+        spare = capture.held_out if names is None else names
+        self.absent = [name for name in wanted if name in spare and not self._has(name)]
         self._masks = {
-            camera.name: self._of_camera(camera.name, source.own_frames(camera.name))
-            for camera in capture.cameras
-            if names is None or camera.name in names
+            name: self._of_camera(name, source.own_frames(name)) for name in wanted if name not in self.absent
         }
         self.notes = [f"masks of {', '.join(names)} {pairing}" for pairing, names in self._pairings.items()]
+        if self.absent:
+            self.notes.append(
+                f"{folder}: there are no masks of {listed(self.absent)}, which training does not need. `evaluate` compares with "
+                f"cameras that have masks"
+            )
 
     def read(self, first: int, count: int, name: str) -> np.ndarray:
         """Return the masks of a camera as the images are read, [count, H, W] uint8.
@@ -115,6 +125,8 @@ class MaskFiles:
             CaptureError: A mask cannot be read, or is none.
         """
         capture = self._capture
+        if name in self.absent:
+            return np.zeros((count, capture.height, capture.width), np.uint8)
         out = np.empty((count, capture.height, capture.width, 3), np.uint8)
         if self._is_undistorted:
             self._read_camera(out, first, name)
@@ -173,14 +185,22 @@ class MaskFiles:
             self._check_count(place, name, len(images), own)
         return _CameraMasks(own.numbers, images, None)
 
-    def _place(self, name: str) -> Path:
-        """Return the folder or file of a camera's masks."""
+    def _has(self, name: str) -> bool:
+        """Return True if there is a file with masks of a camera, or a folder that is not empty."""
+        return any(bool(image_files(place)) if place.is_dir() else True for place in self._places(name))
+
+    def _places(self, name: str) -> list[Path]:
+        """Return the folder of a camera's masks, or files of its name."""
         folder = self.folder / name
         if folder.is_dir():
-            return folder / "images" if not image_files(folder) and (folder / "images").is_dir() else folder
+            return [folder / "images" if not image_files(folder) and (folder / "images").is_dir() else folder]
         names = {folder.name, folder.stem if folder.suffix.lower() in IMAGE_SUFFIXES else folder.name}
         kinds = (*VIDEO_SUFFIXES, *IMAGE_SUFFIXES)
-        found = [file for file in list_folder(folder.parent) if file.stem in names and file.suffix.lower() in kinds]
+        return [file for file in list_folder(folder.parent) if file.stem in names and file.suffix.lower() in kinds]
+
+    def _place(self, name: str) -> Path:
+        """Return the folder or file of a camera's masks."""
+        found = self._places(name)
         if len(found) > 1:
             raise CaptureError(
                 f"{self.folder}: both {found[0].name} and {found[1].name} are masks of camera {name}. Remove one."
@@ -338,9 +358,13 @@ class MaskedCapture(Capture):
         capture: Capture of the whole scene.
         masks: Masks of its images.
         background: Color outside of the masks, 0..1; None gives each camera its color of the `PALETTE`, for training.
+        unmasked: Names of cameras without masks.
     """
 
-    def __init__(self, capture: Capture, masks: Masks, background: Color | None = None) -> None:
+    def __init__(
+        self, capture: Capture, masks: Masks, background: Color | None = None, unmasked: Sequence[str] = ()
+    ) -> None:
+        self.unmasked = list(unmasked)
         self._capture = capture
         self._masks = masks
         colors = cycle(PALETTE if background is None else (background,))

@@ -79,7 +79,7 @@ def open_capture(
         leave_out: Names of cameras that are not read at all.
         masks: Folder of masks, or its address, white where an image shows the subject; None reads the whole scene.
         background: Color outside of the masks, 0..1; None gives each camera another one, for training.
-        masked: Names of the cameras whose masks are read; None means all. Other cameras need none.
+        masked: Names of the cameras whose masks are read, if there are any; None means all, and held-out cameras may have none.
 
     Raises:
         CaptureError: The format is unknown, or the content cannot be used.
@@ -106,7 +106,8 @@ def _masked(
     if masks is None:
         return capture
     assert isinstance(capture, FileCapture)  # as all readers return it
-    return MaskedCapture(capture, MaskFiles(masks, capture, names), background)
+    files = MaskFiles(masks, capture, names)
+    return MaskedCapture(capture, files, background, files.absent)
 
 
 def is_capture(folder: Path) -> bool:
@@ -148,8 +149,9 @@ def advise(folder: Path, is_capture: Callable[[Path], bool]) -> str | None:
         CaptureError: Two videos have the same name.
     """
     inside = [entry for entry in list_folder(folder) if entry.is_dir()]
-    if below := next((entry for entry in inside if is_capture(entry)), None):
-        return f"Its folder {below.name} looks like a capture: give {below}."
+    if below := [entry for entry in inside if is_capture(entry)]:
+        others = f"Its folders {listed([entry.name for entry in below])} look like captures: give one of them, such as {below[0]}."
+        return others if len(below) > 1 else f"Its folder {below[0].name} looks like a capture: give {below[0]}."
     for place in [folder, *inside]:
         videos = video_files(place, segmented=True)
         if len(videos) >= MIN_CAMERAS:

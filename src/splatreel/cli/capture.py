@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
@@ -49,7 +49,8 @@ def capture_check(
 ) -> None:
     """Read a whole capture, and report what it holds and whether it can be reconstructed.
 
-    Fails if the poses do not fit each other or the images, or if two cameras have the same pose.
+    Fails if the poses do not fit each other or the images, if two cameras have the same pose, or if masks contradict each other.
+    It does not fail for cameras so far apart that nothing confirms their poses.
 
     Args:
         capture: Folder or address of the videos or images and their cameras.
@@ -79,7 +80,7 @@ def capture_check(
         images = _read_all(source, names, progress)
         seconds = source.frames / source.fps
         sound = choose("auto", source.tracks(), seconds, source.first_frame / source.fps, source.path)
-        masked = None if masks is None else _masks_of(source, masks, progress)
+        masked = None if masks is None else _masks_of(source, masks, images, progress)
     finally:
         progress.close()
         source.close()
@@ -93,10 +94,16 @@ def capture_check(
     _say_each([*source.notes, *(masked.sentences if masked else [])], said)
     alpha = None if masked is None else masked.levels
     coverage, verdict = _judge(source, names, images, alpha, quick, said) or (None, None)
-    given = {"--width": width, "--frames": frames, "--hold-out": hold_out, "--leave-out": leave_out, "--masks": masks}
-    options = [part for name, value in given.items() if value is not None for part in option(name, value)]
+    mine = {"--frames": frames, "--leave-out": leave_out}
+    given = {"--width": width, **mine, "--hold-out": hold_out}
+    options = _options(given | {"--masks": masks})
     command = quoted(["splatreel", "reconstruct", capture, "--out", "OUT", *options])
-    text = f"It can be read; nothing else was checked. Run\n  {command}" if verdict is None else verdict.text(command)
+    with_masks = (
+        quoted(["splatreel", "capture", "masks", capture, "--out", "masks", *_options(mine)]),
+        quoted(["splatreel", "capture", "check", capture, *_options(given | {"--masks": "masks"})]),
+    )
+    unjudged = f"It can be read; nothing else was checked. Run\n  {command}"
+    text = unjudged if verdict is None else verdict.text(command, with_masks)
     if page is not None:
         from splatreel.evaluation.page.check_page import CheckFacts, check_page
         from splatreel.evaluation.report import write_text
@@ -110,17 +117,26 @@ def capture_check(
     say(text)
 
 
+def _options(given: Mapping[str, object]) -> list[str]:
+    """Return the arguments of options that are given."""
+    return [part for name, value in given.items() if value is not None for part in option(name, value)]
+
+
+def _moments(source: Capture) -> tuple[int, int]:
+    """Return the first frame, and one in the middle, or the last one of a short capture."""
+    return 0, source.frames // 2 // CHUNK * CHUNK or min(CHUNK, source.frames) - 1
+
+
 def _read_all(source: Capture, names: list[str], progress: Progress) -> np.ndarray:
     """Read every frame. Return the images [M, C, H, W, 3] of the first one and of the one in the middle."""
     import numpy as np
 
     progress.stage("reading every frame", source.frames)
-    middle, moments = source.frames // 2 // CHUNK * CHUNK, []
+    chosen, moments = _moments(source), []
     for first in range(0, source.frames, CHUNK):
         count = min(CHUNK, source.frames - first)
         read = source.read(first, count, names)
-        if first in (0, middle):
-            moments.append(read[[0, -1]] if middle == 0 else read[[0]])
+        moments += [read[[frame - first]] for frame in chosen if first <= frame < first + count]
         progress.update(first + count)
     return np.concatenate(moments)
 
@@ -132,29 +148,35 @@ class _CheckedMasks(NamedTuple):
     sentences: list[str]
 
 
-def _masks_of(source: Capture, folder: str, progress: Progress) -> _CheckedMasks:
-    """Read the masks of all frames."""
+def _masks_of(source: Capture, folder: str, images: np.ndarray, progress: Progress) -> _CheckedMasks:
+    """Read the masks of all frames. `images` [M, C, H, W, 3] are of the frames of `_moments`."""
     import numpy as np
 
     from splatreel.capture.file_capture import FileCapture
-    from splatreel.capture.mask_shares import describe_shares, describe_sizes, mask_shares
+    from splatreel.capture.mask_shares import describe_motion, describe_shares, describe_sizes, mask_shares
     from splatreel.capture.masks import MaskFiles
 
     assert isinstance(source, FileCapture)  # as all readers return it
-    masks, names = MaskFiles(folder, source), [camera.name for camera in source.cameras]
+    masks = MaskFiles(folder, source)
+    masked = [c for c, camera in enumerate(source.cameras) if camera.name not in masks.absent]
+    names, cameras = [camera.name for camera in source.cameras], [source.cameras[c] for c in masked]
     moments, shares = [], []
     progress.stage("reading every mask", source.frames)
     try:
         for frame in range(source.frames):
             read = threads.map_parallel(lambda name, at=source.first_frame + frame: masks.read(at, 1, name)[0], names)
             shares.append(mask_shares(np.stack(read)))
-            if frame in (0, source.frames // 2):
-                moments.append(np.stack(read))
+            moments += [np.stack(read)] * _moments(source).count(frame)
             progress.update(frame + 1)
     finally:
         masks.close()
     levels = np.stack(moments)
-    sentences = [*describe_shares(names, np.stack(shares), source.first_frame), *describe_sizes(source.cameras, levels)]
+    chosen = [names[c] for c in masked]
+    sentences = [
+        *describe_shares(chosen, np.stack(shares)[:, masked], source.first_frame),
+        *describe_sizes(cameras, levels[:, masked]),
+        *describe_motion(chosen, images[:, masked], levels[:, masked]),
+    ]
     return _CheckedMasks(levels, [*masks.notes, *sentences])
 
 

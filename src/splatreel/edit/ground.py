@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import KDTree
+from scipy.ndimage import gaussian_filter
 
 from splatreel.base.errors import UsageError
 from splatreel.capture.opening import open_capture
@@ -75,8 +75,14 @@ _FARTHER = 0.1
 """Disagreement, 0..1, that counts as much as the whole searched height."""
 PIXELS = 1.5
 """Distance of two points, pixels of a typical camera."""
-AROUND, HOLE = 24, 0.4
-"""Number of places that a place takes its color from if no camera shows it, and their largest distance, in heights of the subject."""
+AGREE = 0.12
+"""Largest standard deviation of the colors, 0..1, that cameras show at a place of the floor."""
+FEW_SHARED = 0.25
+"""Share of the seen places that several cameras show, below which those that one camera shows count as known, too."""
+SOFT_TEXTURE = 0.06
+"""Standard deviation of the blur with which the texture fades into a plain floor, in heights of the subject."""
+_TILTED = 0.7
+"""Share of the disagreement in a level plane, below which a tilted one is taken."""
 MOST = 30_000
 """Largest number of points; they are farther apart if there would be more."""
 
@@ -203,14 +209,12 @@ class _Plane:
         return replace(self, up=up, right=right / np.linalg.norm(right))
 
     def grid(self, step: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return places [P, 3] every `step` world units, and how far out each is [P], 1 at the border."""
+        """Return places [A, B, 3] every `step` world units, and how far out each is [A, B], 1 at the border of the ground."""
         counts = np.maximum(np.ceil(self.size / step).astype(int), 1)
         a, b = (np.arange(-count, count + 1) * step for count in counts)
-        x, y = (values.ravel() for values in np.meshgrid(a, b, indexing="ij"))
-        out = np.sqrt((x / self.size[0]) ** 2 + (y / self.size[1]) ** 2)
-        kept = out < 1
-        places = self.center + x[kept, None] * self.right + y[kept, None] * np.cross(self.up, self.right)
-        return places, out[kept]
+        x, y = np.meshgrid(a, b, indexing="ij")
+        places = self.center + x[..., None] * self.right + y[..., None] * np.cross(self.up, self.right)
+        return places, np.hypot(x / self.size[0], y / self.size[1])
 
 
 def _colors(places: np.ndarray, cameras: list[Camera], plates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -225,44 +229,65 @@ def _colors(places: np.ndarray, cameras: list[Camera], plates: np.ndarray) -> tu
 
 
 def _best(plane: _Plane, cameras: list[Camera], plates: np.ndarray) -> _Plane:
-    """Return the plane near the feet in which the cameras agree best: first its height, then its tilt, then both finer."""
+    """Return the plane near the feet in which the cameras agree best. It is level unless they agree much better in a tilted one."""
 
     def disagreement(candidate: _Plane) -> float:
-        colors, seen = _colors(candidate.grid(float(candidate.size.max()) / 40)[0], cameras, plates)
+        places, out = candidate.grid(float(candidate.size.max()) / 40)
+        colors, seen = _colors(places[out < 1], cameras, plates)
         several = seen.sum(0) > 1
         if not several.any():
             return np.inf
-        known = np.where(seen[..., None], colors, np.nan)[:, several]
-        known = known - np.nanmedian(known, axis=(1, 2), keepdims=True)  # exposures differ
         away = abs((candidate.center - plane.center) @ plane.up) / (SEARCHED * plane.height)
-        return float(np.median(np.nanstd(known, 0).mean(-1)) + _FARTHER / 10 * away)
+        return float(np.median(_spread(colors, seen)[several]) + _FARTHER / 10 * away)
 
-    best = plane
+    level = plane
+    # The plane so far is the first of them. It stays where no two cameras show it, so that all disagree as much.
     for fine in (1.0, 0.3):
         steps = fine * np.linspace(-1, 1, 13)
-        # The plane so far is the first of them. It stays where no two cameras show it, so that all disagree as much.
-        best = min((best, *(best.raised(SEARCHED * step) for step in steps)), key=disagreement)
+        level = min((level, *(level.raised(SEARCHED * step) for step in steps)), key=disagreement)
+    best = level
+    for fine in (1.0, 0.3):
+        steps = fine * np.linspace(-1, 1, 13)
         best = min((best, *(best.tilted(np.radians(4) * step, 0) for step in steps)), key=disagreement)
         best = min((best, *(best.tilted(0, np.radians(4) * step) for step in steps)), key=disagreement)
-    return best
+        best = min((best, *(best.raised(0.3 * SEARCHED * step) for step in steps)), key=disagreement)
+    return best if disagreement(best) < _TILTED * disagreement(level) else level
+
+
+def _spread(colors: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Return how much cameras differ at each place [P], 0..1, without their exposures; infinite where fewer than two show it."""
+    several = seen.sum(0) > 1
+    known = np.where(seen[..., None], colors, np.nan)[:, several]
+    exposures = np.zeros((len(seen), 1, 1))
+    for number, own in enumerate(known):
+        exposures[number] = np.nanmedian(own) if seen[number, several].any() else 0
+    found = np.full(seen.shape[1], np.inf)
+    found[several] = np.nanstd(known - exposures, 0).mean(-1)
+    return found
 
 
 def _gaussians(plane: _Plane, cameras: list[Camera], plates: np.ndarray, near: float) -> Gaussians:
-    """Return flat points with the median color of the cameras that show each place, fading at the border."""
+    """Return flat points with the median color of the cameras that show each place, fading at the border.
+
+    Where fewer than two cameras show the floor, or others show something before it, the texture fades into a plain floor.
+    """
     pixel = np.median([project(camera, plane.center)[1] / camera.K[0, 0] for camera in cameras])
     step = max(PIXELS * abs(float(pixel)), float(np.sqrt(np.pi * plane.size.prod() / MOST)), near * 1e-3)
-    places, out = plane.grid(step)
-    colors, seen = _colors(places, cameras, plates)
-    known = seen.any(0)
-    if not known.any():
+    grid, out = plane.grid(step)
+    colors, seen = _colors(grid.reshape(-1, 3), cameras, plates)
+    if not seen.any():
         return Gaussians.empty(0)
-    color = np.zeros_like(places)
+    spread = _spread(colors, seen)
+    known = np.less(spread, AGREE)
+    if np.isfinite(spread).sum() < FEW_SHARED * seen.any(0).sum():
+        known = known | (seen.sum(0) == 1)
+    if not known.any():
+        known = seen.any(0)
+    color = np.zeros((known.size, 3))
     color[known] = np.nanmedian(np.where(seen[..., None], colors, np.nan)[:, known], 0)
-    distance, nearest = KDTree(places[known]).query(places, k=min(AROUND, int(known.sum())))
-    distance, nearest = distance.reshape(len(places), -1), nearest.reshape(len(places), -1)
-    color[~known] = color[known][nearest[~known]].mean(1)
-    near_known = distance[:, 0] < HOLE * plane.height
-    places, out, color = places[near_known], out[near_known], color[near_known]
+    color = _filled(color.reshape(grid.shape), np.asarray(known).reshape(out.shape), SOFT_TEXTURE * plane.height / step)
+    inside_border = out < 1
+    places, out, color = grid[inside_border], out[inside_border], color[inside_border]
     count = len(places)
     fade = np.clip((1 - out) / _SOFT, 0, 1)
     scales = np.broadcast_to([0.6 * step, 0.6 * step, 0.05 * step], (count, 3))
@@ -271,3 +296,14 @@ def _gaussians(plane: _Plane, cameras: list[Camera], plates: np.ndarray, near: f
     shown = opacities > 0.02
     points = Gaussians(places, quats, scales, opacities, ((color - 0.5) / C0)[:, None])
     return points[shown]
+
+
+def _filled(color: np.ndarray, known: np.ndarray, sigma: float) -> np.ndarray:
+    """Return colors [A, B, 3] that become blurred, then plain, where they are not known [A, B] bool. `sigma`: grid steps."""
+    plain = np.median(color[known], 0)
+    share = gaussian_filter(known.astype(float), sigma, mode="nearest")
+    blurred = gaussian_filter(color * known[..., None], (sigma, sigma, 0), mode="nearest")
+    blurred /= np.maximum(share, 1e-6)[..., None]
+    sharp = (known * np.clip((share - 0.5) / 0.4, 0, 1))[..., None]
+    there = np.clip(share / 0.5, 0, 1)[..., None]
+    return sharp * color + (1 - sharp) * (there * blurred + (1 - there) * plain)

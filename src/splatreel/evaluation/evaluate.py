@@ -14,7 +14,7 @@ import numpy as np
 from splatreel.base.atomic import sweep
 from splatreel.base.errors import UsageError
 from splatreel.base.process import peak_memory_bytes
-from splatreel.base.progress import Progress, Silent
+from splatreel.base.progress import Progress, Silent, listed
 from splatreel.capture.base import Capture
 from splatreel.capture.masks import is_doubtful
 from splatreel.capture.reading import median_images, moving_pixels
@@ -194,6 +194,7 @@ def evaluate(
     spent = {**(seconds or {}), "evaluate": round(time.monotonic() - started, 3)}
     report = replace(
         _summarize(scores, reel_info(reel, rendition), spent, device),
+        unmasked=[name for name in capture.unmasked if name in (cameras or capture.held_out)],
         decode_ms_per_frame=decoding,
         lpips_frames=len(lpips_frames) if lpips else 0,
         coverage=list(coverage),
@@ -373,13 +374,14 @@ def read_frames(capture: Capture, frames: list[int], names: list[str]):
 
 
 def choose_cameras(capture: Capture, manifest: Manifest, names: Sequence[str] | None) -> list[Camera]:
-    """Return the cameras to evaluate.
+    """Return the cameras to evaluate, without those that have no masks.
 
     `names`: Names of cameras. None means those that the reel says were held out. Without these, it means the capture's
     held-out cameras that the reel was not trained on, or all of them if the reel was trained on each.
 
     Raises:
-        UsageError: There are no cameras, or a mix of held-out and training views, whose mean would be meaningless.
+        UsageError: There are no cameras, none has masks, or there is a mix of held-out and training views, whose mean would be
+            meaningless.
     """
     trained = {camera.name for camera in manifest.cameras}
     if names is None:
@@ -393,7 +395,13 @@ def choose_cameras(capture: Capture, manifest: Manifest, names: Sequence[str] | 
             f"--cameras {','.join(names)}: the reel was trained on {', '.join(seen)} and not on the others. "
             "Evaluate one kind at a time."
         )
-    return [capture.camera(name) for name in names]
+    masked = [name for name in names if name not in capture.unmasked]
+    if not masked:
+        raise UsageError(
+            f"{capture.path}: there are no masks of {listed(list(names))}, so the subject cannot be compared with their images. Add "
+            f"masks to the folder, or name cameras that have masks: --cameras NAME,NAME."
+        )
+    return [capture.camera(name) for name in masked]
 
 
 def choose_frames(available: int, frames: Sequence[int] | None, first: int = 0) -> list[int]:

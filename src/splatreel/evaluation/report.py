@@ -66,6 +66,7 @@ class Report:
         trained_on: Names of the training cameras.
         held_out: Names of evaluated cameras that were not trained on. Empty if training views were evaluated, which do
             not measure novel views.
+        unmasked: Names of cameras that were to be evaluated and have no masks.
         coverage: Sentences about the coverage of the training cameras.
         lpips_alex: LPIPS (AlexNet); None without its weights.
         lpips_frames: Number of frames that LPIPS was measured at; None if an older version wrote the report.
@@ -125,6 +126,7 @@ class Report:
     total_bytes: int | None = None
     start_bytes: int | None = None
     playing_bytes_per_second: float | None = None
+    unmasked: list[str] = field(default_factory=list)
 
     def to_json(self) -> str:
         """Return the text of report.json."""
@@ -146,6 +148,8 @@ class Report:
         within = ""
         if self.masked_share is not None:
             within = f" Only pixels within the masks were measured, {self.masked_share:.1%} of the images."
+        if self.unmasked:
+            within += f" Not compared, because there are no masks of them: {', '.join(self.unmasked)}."
         if self.held_out or not self.trained_on:
             return f"Held-out cameras, rendered from the decoded reel.{within}"
         return (

@@ -6,11 +6,11 @@ import numpy as np
 
 from splatreel.base.errors import ReconstructionError
 from splatreel.capture.base import Capture
-from splatreel.capture.mask_shares import describe_shares, describe_sizes, mask_shares
+from splatreel.capture.mask_shares import describe_motion, describe_shares, describe_sizes, mask_shares
 from splatreel.codec.writer import ReelWriter
 from splatreel.method.cameras.rig import Rig, check_first_poses
 from splatreel.method.init.layout import Layout, limits
-from splatreel.method.prediction.quality import Coverage, cover
+from splatreel.method.prediction.quality import Coverage, cover, judge_poses
 from splatreel.method.train.single_frame import Subject, lay_out
 from splatreel.run.job import Job
 from splatreel.run.output.group_writer import header_of, open_writer
@@ -36,7 +36,7 @@ def prepare(job: Job, capture: Capture, middle: int, lock: RunLock) -> tuple[Rig
         frames = np.concatenate([capture.scene.read(frame, 1, rig.names) for frame in (0, middle)])
         rig, frames = check_cameras(job, capture, rig, frames, store.group(0))
         job.progress.update(1)
-        coverage = report_coverage(job, capture, rig, frames[0], middle) if job.config.check_coverage else None
+        coverage = report_coverage(job, capture, rig, frames, middle) if job.config.check_coverage else None
         job.show("points", 1)
         known = capture.points, capture.point_colors, capture.near
         images, subject = first_images(capture, rig, frames[0])
@@ -113,20 +113,22 @@ def check_cameras(
     return rig.with_poses(poses), frames[:, poses.kept]
 
 
-def report_coverage(job: Job, capture: Capture, rig: Rig, images: np.ndarray, middle: int = 0) -> Coverage:
+def report_coverage(job: Job, capture: Capture, rig: Rig, frames: np.ndarray, middle: int = 0) -> Coverage:
     """Measure and report how well the cameras cover the scene, before anything is trained.
 
-    The cameras' images [C, H, W, 3] uint8 are of the first frame. Masks are compared there and at the frame `middle`.
+    The cameras' images [T, C, H, W, 3] uint8 are of the first frame and, if there are more, `middle`. So are the masks.
     """
     known = {"points": capture.points, "point_colors": capture.point_colors, "near": capture.near}
     masks = [alpha for frame in {0, middle} if (alpha := capture.alpha(frame, 1, rig.names)) is not None]
     alpha = np.concatenate(masks) if masks else None
-    found = cover(rig.cameras, images, **known, progress=job.progress, alpha=alpha)
-    about_masks = (
-        []
-        if alpha is None
-        else [*describe_shares(rig.names, mask_shares(alpha[:1])), *describe_sizes(rig.cameras, alpha)]
-    )
-    for sentence in [*about_masks, *found.sentences()]:
+    found = cover(rig.cameras, frames[0], **known, progress=job.progress, alpha=alpha)
+    about_masks: list[str] = []
+    if alpha is not None:
+        about_masks += [*describe_shares(rig.names, mask_shares(alpha[:1])), *describe_sizes(rig.cameras, alpha)]
+        about_masks += describe_motion(rig.names, frames, alpha) if len(frames) == len(alpha) == 2 else []
+    verdict = judge_poses(found)
+    advice = " Make masks, then check with `splatreel capture check --masks`." if verdict.needs_masks else ""
+    doubts = verdict.faults or [verdict.unconfirmed + advice] * bool(verdict.unconfirmed)
+    for sentence in [*about_masks, *found.sentences(), *doubts]:
         job.progress.note(sentence)
     return found

@@ -70,7 +70,7 @@ def _prepare_scene(job: Job, capture: Capture, lock: RunLock) -> tuple[Rig, Layo
         rig = Rig.of(capture.training_cameras)
         frames = _sample_frames(job, capture, rig)
         rig, frames = check_cameras(job, capture, rig, frames, store.scene)
-        coverage = report_coverage(job, capture, rig, frames[0]) if job.config.check_coverage else None
+        coverage = report_coverage(job, capture, rig, frames[:1]) if job.config.check_coverage else None
         job.show("points", MOMENTS + 1)
         if job.config.even_exposure:
             remove_exposure(frames, measure_exposure(rig, frames))

@@ -11,9 +11,18 @@ import pytest
 from splatreel.base.errors import ReconstructionError
 from splatreel.base.progress import Silent
 from splatreel.capture.color import over_color
+from splatreel.capture.mask_shares import mask_shares
 from splatreel.codec.reader import ReelReader
 from splatreel.method.prediction import trial
-from splatreel.method.prediction.quality import SCALE, Coverage, Silhouettes, cover, judge_capture, rating
+from splatreel.method.prediction.quality import (
+    SCALE,
+    CaptureVerdict,
+    Coverage,
+    Silhouettes,
+    cover,
+    judge_capture,
+    rating,
+)
 from splatreel.method.prediction.trial import Trial
 from splatreel.run import pipeline, preparation
 from splatreel.run.store import Store
@@ -314,9 +323,13 @@ def test_without_a_trial_novel_views_are_not_mentioned() -> None:
     [
         (coverage(twins=[["cam1", "cam3"]]), [], "cam1 and cam3 have the same pose"),
         (coverage(shared=[90, 0, 80, 70, 100]), [], "cam1 has 0 points in common with two other cameras, where 80"),
-        (coverage(shared=[0] * 5, psnr=None), [], "the images do not confirm the poses"),
-        (coverage(shared=[0] * 5, psnr=20.2), [], "the images do not confirm the poses"),
-        (coverage(shared=[0] * 5, psnr=12.0), [], "the images do not confirm the poses"),
+        (replace(coverage(shared=[0] * 5, psnr=None), angles=[15.0] * 5), [], "though they are only 15 degrees apart"),
+        (
+            replace(coverage(), mask_fits=[1, 1, 0.3, 1, 1]),
+            [],
+            "Other evidence confirms the poses, so the masks are wrong",
+        ),
+        (replace(coverage(), mask_share=0.0), [], "the masks are black"),
         (coverage(), ["cam0", "cam4"], "the poses or lenses of cam0, cam4 do not fit each other"),
     ],
 )
@@ -328,6 +341,16 @@ def test_faults_fail_the_verdict(found: Coverage, misfits: list[str], said: str)
     assert "It can be reconstructed" not in verdict.text("CMD")
 
 
+@pytest.mark.parametrize("psnr", [None, 12.0, 20.2])
+def test_poses_of_far_cameras_are_unconfirmed_and_not_wrong(psnr: float | None) -> None:
+    verdict = judge_capture(coverage(shared=[0] * 5, psnr=psnr), [])
+    assert verdict.faults == []
+    assert verdict.text("CMD", ["MAKE", "CHECK"]) == (
+        "It can be read, but the poses cannot be confirmed by images this far apart: half of the cameras have no points in common with "
+        "two others.\nMake masks, then check with --masks:\n  MAKE\n  CHECK\nTo reconstruct it as it is, run\n  CMD"
+    )
+
+
 def test_good_trial_confirms_poses_of_plain_walls() -> None:
     assert judge_capture(coverage(shared=[0] * 5, psnr=31.0), []).faults == []
 
@@ -337,7 +360,7 @@ def test_trial_of_a_subject_confirms_poses_of_cameras_that_share_no_points() -> 
     assert judge_capture(found, []).faults == []
     assert found.trial is not None
     blurred = replace(found, trial=replace(found.trial, psnr=found.trial.flat + 1.5))
-    assert "do not confirm the poses" in judge_capture(blurred, []).text("CMD")
+    assert "cannot be confirmed by images" in judge_capture(blurred, []).text("CMD")
 
 
 def test_masks_that_fit_confirm_poses_where_the_trial_fails() -> None:
@@ -350,8 +373,15 @@ def test_masks_that_fit_confirm_poses_where_the_trial_fails() -> None:
     assert Coverage.from_dict(found.to_dict()) == found
     apart = replace(found, mask_fits=[1.0, 0.4, 0.8, 0.99, 1.0])
     said = judge_capture(apart, []).text("CMD")
-    assert "half of the cameras have 1 point or fewer in common" in said
-    assert "Masks fit the others in part only: cam1 (40%), cam2 (80%). They or the poses are wrong." in said
+    assert (
+        "masks contradict each other. Only a part of these masks fits those of the other cameras: cam1 (40%). " in said
+    )
+    assert "The masks or the poses are wrong: look at the masks" in said
+    partly = judge_capture(replace(found, mask_fits=[1.0, 0.8, 1.0, 0.99, 1.0]), [])
+    assert partly.faults == []
+    assert "half of the cameras have 1 point or fewer in common" in partly.text("CMD")
+    assert "cam1 (80%) fit the others in part only" in partly.text("CMD", ["MAKE"])
+    assert "MAKE" not in partly.text("CMD", ["MAKE"])
     assert any(sentence.startswith("the mask of cam1 does not fit") for sentence in apart.sentences())
 
 
@@ -361,8 +391,8 @@ def test_masks_that_fit_wrong_poses_as_well_confirm_nothing(doubt: str | None, s
     found = replace(coverage(shared=[1] * 5, psnr=9.0), subject=True, mask_fits=[1.0] * 5, mask_doubt=doubt)
     assert not any("confirmed" in sentence for sentence in found.sentences())
     text = judge_capture(found, []).text("CMD")
-    assert "the images do not confirm the poses" in text
-    assert ("The masks confirm nothing: they would fit as well if cam1 and cam3 were exchanged." in text) == said
+    assert "the poses cannot be confirmed by images this far apart" in text
+    assert ("Nor do the masks confirm them: they would fit as well if cam1 and cam3 were exchanged." in text) == said
     assert Coverage.from_dict(found.to_dict()) == found
 
 
@@ -372,7 +402,55 @@ def test_trial_of_a_subject_confirms_nothing_by_large_masks_or_masks_that_do_not
 ) -> None:
     found = replace(coverage(shared=[0] * 5, psnr=21.0), subject=True, mask_share=0.1, mask_fits=[0.8] * 5)
     assert judge_capture(found, []).faults == []
-    assert judge_capture(replace(found, mask_share=share, mask_fits=fits), []).faults
+    verdict = judge_capture(replace(found, mask_share=share, mask_fits=fits), [])
+    assert ("large masks fit at any poses. Are they inverted" in verdict.unconfirmed) == (share > 0.5)
+    assert bool(verdict.faults) == (share < 0.5)
+
+
+def shifted(masks: np.ndarray, pixels: int) -> np.ndarray:
+    """Return masks [M, C, H, W] moved to the right."""
+    return np.pad(masks, ((0, 0), (0, 0), (0, 0), (pixels, 0)))[..., : masks.shape[-1]]
+
+
+FIST = BODY[2][1]
+HANDS = (BODY[2][0], BODY[2][0] + np.array([1.0, 0.1, 0.1]))
+WRONG_MASKS = {
+    "shifted": shifted(MASKS, 19),
+    "shifted the other way": shifted(MASKS[..., ::-1], 19)[..., ::-1],
+    "one shifted": np.concatenate([shifted(MASKS[:, :1], 19), MASKS[:, 1:]], 1),
+    "another hand in each": np.stack([[draw(camera, [(HANDS[c % 2], FIST)]) for c, camera in enumerate(CAMERAS)]]),
+    "one inverted": np.concatenate([255 - MASKS[:, :1], MASKS[:, 1:]], 1),
+    "upside down": MASKS[..., ::-1, :],
+}
+
+
+def judged(masks: np.ndarray, shared: int = 0) -> CaptureVerdict:
+    """Return the verdict of masks at right poses."""
+    tried = Silhouettes(CAMERAS, masks, MIDDLE, 0.1)
+    share = float(np.median(mask_shares(masks[0])))
+    doubt = tried.wrong_poses_that_fit() if min(tried.fits) >= 0.9 else None
+    found = replace(coverage(None, [shared] * 5), names=[camera.name for camera in CAMERAS], subject=True)
+    return judge_capture(replace(found, mask_fits=tried.fits, mask_doubt=doubt, mask_share=share), [])
+
+
+@pytest.mark.parametrize("kind", WRONG_MASKS)
+def test_wrong_masks_at_right_poses_are_faults(kind: str) -> None:
+    """`shifted` was no fault: a mask of which nothing fits was taken for one that is too small."""
+    [fault] = judged(WRONG_MASKS[kind]).faults
+    assert "masks contradict each other" in fault
+    assert "The masks or the poses are wrong" in fault
+
+
+def test_inverted_masks_confirm_nothing_and_right_ones_do() -> None:
+    assert "large masks fit at any poses. Are they inverted" in judged(255 - MASKS).unconfirmed
+    assert "are they inverted?" in judged(255 - MASKS, shared=90).text("CMD")
+    right = judged(MASKS)
+    assert (right.faults, right.unconfirmed) == ([], "")
+
+
+def test_wrong_masks_are_faults_where_points_confirm_the_poses() -> None:
+    [fault] = judged(WRONG_MASKS["shifted"], shared=90).faults
+    assert "so the masks are wrong: of another capture, shifted" in fault
 
 
 def test_verdict_of_a_subject_says_what_more_cameras_bring() -> None:

@@ -1,7 +1,8 @@
 """Captures of a calibration file from another program, and videos or images beside it.
 
-The formats are those of `FORMATS`. The calibration is in the capture's folder, or in a folder of it whose name starts
-with `calib`. Videos and images belong to the cameras by their names (`calibrations/media.py`).
+The formats are those of `FORMATS`. The calibration is in the capture's folder, in a folder of it whose name contains `calib`, or in
+those of a folder above, as motion capture programs calibrate a session of several recordings. Videos and images belong to the cameras
+by their names (`calibrations/media.py`).
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from splatreel.capture.readers.calibrations.datasets import (
     read_panoptic_studio,
     read_zju_mocap,
 )
-from splatreel.capture.readers.calibrations.media import Media, find_media
+from splatreel.capture.readers.calibrations.media import SHARED, Media, find_media, has_media
 from splatreel.capture.readers.calibrations.metashape import is_metashape, read_metashape
 from splatreel.capture.readers.calibrations.motion_capture import is_qualisys, is_toml, read_qualisys, read_toml
 from splatreel.capture.readers.calibrations.opencv import is_camera, is_multiview, read_cameras, read_multiview
@@ -54,11 +55,17 @@ FORMATS: tuple[tuple[str, Callable[[Path, bytes], bool], Callable[[Path], Rig]],
     ("ZJU-MoCap", is_zju_mocap, read_zju_mocap),
 )
 """Name, recognition by the start of a file, and reader of each format of one file."""
+RESULT = "capture_volume"
+"""Folder of Caliscope's complete calibration. The one at the top of the session may be older, or hold lenses only."""
+CALIBRATION_FOLDERS = ("*[cC]alib*", f"[cC]alib*/extrinsic/{RESULT}")
+"""Folders of a capture or of a session that may hold a calibration."""
 SUFFIXES = (".toml", ".txt", ".xml", ".json", ".yml", ".yaml", ".csv", ".npy")
 IN_METERS = ("Qualisys", "ZJU-MoCap")
 """Formats whose readers return meters. The unit of the other formats is unknown."""
 PADDING, ROUNDING = 16, 1.0
 """Pixels by which codecs fill up images, and by which the size of a resized image may be rounded."""
+LEVELS = 3
+"""Number of folders above a recording that are searched for a calibration."""
 SAME_PLACE = 1e-3
 """Maximum difference between two poses for two files to be the same calibration."""
 
@@ -73,8 +80,8 @@ class _Calibration:
 
 
 def is_calibrated(path: Path) -> bool:
-    """Return whether a folder holds a calibration file of another program."""
-    return next(_calibrations(path), None) is not None
+    """Return whether a folder holds a calibration file of another program, or videos of a calibration in a folder above."""
+    return next(_calibrations(path), None) is not None or bool(_calibrations_above(path))
 
 
 def read_rig(file: Path) -> Rig | None:
@@ -119,6 +126,9 @@ class CalibratedCapture(FileCapture):
         views = [c for c in rig.cameras if c.name in media and c.name not in request.left_out]
         sidecar, names = read_sidecar(path), [camera.name for camera in views]
         videos = {name: file for name, file in media.items() if isinstance(file, Path)}
+        notes = list(rig.notes)
+        if any(file.parent == path / folder for file in videos.values() for folder in SHARED):
+            notes.append(f"there is no recording: the videos are those of the calibration, in {', '.join(SHARED)}")
         if videos:
             source = video_source(path, {name: videos[name] for name in names}, sidecar, request)
         else:
@@ -133,7 +143,7 @@ class CalibratedCapture(FileCapture):
         width, height = request.size(*common_size(list(sizes.values())), path)
         lenses: dict[str, Lens] = {}
         calibrated: dict[str, tuple[int, int]] = {}
-        cameras, notes = [], list(rig.notes)
+        cameras = []
         for view in views:
             whose, fit = f"{rig.origin}: camera {view.name}", fitting_lens(view, sizes[view.name], rig.origin, notes)
             if view.size is not None:
@@ -193,17 +203,30 @@ def fitting_lens(view: RigCamera, size: tuple[int, int], origin: Path, notes: li
     )
 
 
-def _calibrations(path: Path) -> Iterator[_Calibration]:
+def _calibrations_above(path: Path) -> list[_Calibration]:
+    """Return the calibrations in the nearest folder above that has one with cameras whose media are in this folder."""
+    if not path.is_dir():
+        return []
+    for folder in path.absolute().parents[:LEVELS]:
+        found = list(_calibrations(folder, above=True))
+        if any(has_media(path, one.read().names()) for one in found):
+            return found
+    return []
+
+
+def _calibrations(path: Path, above: bool = False) -> Iterator[_Calibration]:
+    """Yield calibrations in a folder. `above`: it is not the capture's own, so that only TOML files count in the folder itself."""
     if not path.is_dir():
         return
-    folders = [path, *sorted(entry for entry in path.glob("[cC]alib*") if entry.is_dir())]
-    for folder in folders:
-        files = [file for file in list_folder(folder) if file.suffix.lower() in SUFFIXES and file.is_file()]
+    inside = sorted(entry for pattern in CALIBRATION_FOLDERS for entry in path.glob(pattern) if entry.is_dir())
+    for folder in [path, *inside]:
+        suffixes = (".toml",) if above and folder == path else SUFFIXES
+        files = [file for file in list_folder(folder) if file.suffix.lower() in suffixes and file.is_file()]
         yield from _recognized(files)
         single = [file for file in files if is_camera(file, _head(file))]
         if single:
             yield _Calibration("OpenCV", folder, lambda single=single: read_cameras(single))
-    for folder in xmp_folders(path):
+    for folder in [] if above else xmp_folders(path):
         yield _Calibration("RealityCapture", folder, lambda folder=folder: read_realitycapture(folder))
 
 
@@ -224,18 +247,32 @@ def _head(file: Path) -> bytes:
 
 
 def read_calibration(path: Path) -> tuple[str, Rig]:
-    """Return the format and the cameras of a folder's calibration. Raise `CaptureError` if it has none, or two that differ."""
-    found = [(one, one.read()) for one in _calibrations(path)]
+    """Return the format and the cameras of the calibration in a folder, or in one above.
+
+    Raises:
+        CaptureError: There is none, or there are two that differ.
+    """
+    own = list(_calibrations(path))
+    found = [(one, one.read()) for one in own or _calibrations_above(path)]
     if not found:
         raise CaptureError(f"{path}: holds no calibration file. Copy it there.")
+    found = [(one, cameras) for one, cameras in found if cameras.cameras] or found  # others hold lenses only
+    found = [fit for fit in found if fit[0].origin.parent.name == RESULT] or found
     first, rig = found[0]
+    if not own:
+        rig.notes.append(f"the calibration is {first.origin}, in a folder above the recording")
     for other, cameras in found[1:]:
         if not _agree(rig, cameras):
             raise CaptureError(
-                f"{path}: holds two calibrations, {first.origin.relative_to(path)} and {other.origin.relative_to(path)}, whose cameras "
-                f"differ. Remove the wrong one."
+                f"{path}: has two calibrations, {_shown(first, path)} and {_shown(other, path)}, whose cameras differ. Remove the "
+                f"wrong one, or copy the right one into the folder of the videos."
             )
     return first.layout, rig
+
+
+def _shown(calibration: _Calibration, path: Path) -> Path:
+    origin = calibration.origin
+    return origin.relative_to(path) if origin.is_relative_to(path) else origin
 
 
 def _agree(one: Rig, other: Rig) -> bool:

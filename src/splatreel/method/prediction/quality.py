@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from splatreel.base.progress import Progress
+from splatreel.base.progress import Progress, listed
 from splatreel.base.untrusted import is_number, numbers
 from splatreel.capture.base import MIN_CAMERAS
-from splatreel.capture.mask_shares import LARGE, mask_shares
+from splatreel.capture.mask_shares import EMPTY, LARGE, mask_shares
 from splatreel.capture.masks import LIKELY
 from splatreel.method.init.layout import LEAST_DEGREES, clearance_of
 from splatreel.method.init.triangulate import Tracks, triangulate
@@ -44,6 +44,8 @@ MASKS_FIT = 0.9
 """Share of each camera's mask that the other masks must confirm if the poses fit."""
 MASK_MISFIT, MASK_CONTRADICTS = 0.7, 0.5
 """Shares below which a camera is named because its mask does not fit the others, and below which no trial confirms the poses."""
+NEAR = 20.0
+"""Degrees between neighboring cameras, below which images with any detail have points in common if the poses are right."""
 NAMED = 6
 """Number of cameras that a sentence names."""
 
@@ -107,7 +109,17 @@ class Coverage:
     @property
     def masks_fit(self) -> bool:
         """True if the masks of all cameras confirm each other's poses: they fit, and would not fit at wrong poses."""
-        return _masks_agree(self.mask_fits) and self.mask_doubt == ""
+        return _masks_agree(self.mask_fits) and self.mask_doubt == "" and not self.is_mostly_masked
+
+    @property
+    def is_mostly_masked(self) -> bool:
+        """True if masks cover most of the images, so that they fit each other at any poses."""
+        return self.mask_share is not None and self.mask_share > LARGE
+
+    def misfitting(self, least: float) -> str:
+        """Return the names of cameras whose masks fit the others less than a share, with that share; empty if there are none."""
+        pairs = zip(self.names, self.mask_fits or [], strict=False)
+        return listed([f"{name} ({fit:.0%})" for name, fit in pairs if 0 < fit < least])
 
     @property
     def angle(self) -> float | None:
@@ -127,9 +139,9 @@ class Coverage:
             f"sees {min(self.shared):,} to {max(self.shared):,} of them",
         ]
         if few:
-            listed = ", ".join(f"{self.names[c]} ({self.shared[c]})" for c in few[:NAMED])
+            some = ", ".join(f"{self.names[c]} ({self.shared[c]})" for c in few[:NAMED])
             more = f" and {len(few) - NAMED} more" if len(few) > NAMED else ""
-            sentences.append(f"hardly any points in common with two other cameras: {listed}{more}")
+            sentences.append(f"hardly any points in common with two other cameras: {some}{more}")
         sentences += [f"{one} and {other} have the same pose" for one, other in self.twins]
         if self.masks_fit:
             sentences.append(
@@ -276,17 +288,36 @@ def _twins(cameras: list[Camera], distance: float) -> list[list[str]]:
 
 @dataclass(frozen=True)
 class CaptureVerdict:
-    """Faults of a capture to correct before reconstructing, and the expected quality of novel views."""
+    """Result of a check.
+
+    Attributes:
+        faults: What is wrong and must be corrected before reconstructing.
+        expected: Quality of novel views to expect.
+        unconfirmed: Sentences that say why nothing confirms the poses; empty if something does, or if they are wrong.
+        needs_masks: True if masks may confirm them.
+    """
 
     faults: list[str]
     expected: str = ""
+    unconfirmed: str = ""
+    needs_masks: bool = False
 
-    def text(self, command: str) -> str:
-        """Return the closing lines of the check. `command` is the command that reconstructs the capture."""
+    def text(self, command: str, with_masks: Sequence[str] = ()) -> str:
+        """Return the closing lines of the check.
+
+        Args:
+            command: Command that reconstructs the capture.
+            with_masks: Commands that make masks and check the capture with them.
+        """
         if self.faults:
-            listed = "\n".join(f"  - {fault}" for fault in self.faults)
-            return f"Do not reconstruct it as it is:\n{listed}\nTo try anyway, run\n  {command}"
-        return f"It can be reconstructed, {self.expected}. Run\n  {command}"
+            lines = "\n".join(f"  - {fault}" for fault in self.faults)
+            return f"Do not reconstruct it as it is:\n{lines}\nTo try anyway, run\n  {command}"
+        if not self.unconfirmed:
+            return f"It can be reconstructed, {self.expected}. Run\n  {command}"
+        lines = [f"It can be read, but {self.unconfirmed}"]
+        if self.needs_masks:
+            lines += ["Make masks, then check with --masks:", *(f"  {one}" for one in with_masks)]
+        return "\n".join([*lines, "To reconstruct it as it is, run", f"  {command}"])
 
 
 def judge_capture(coverage: Coverage, misfits: list[str]) -> CaptureVerdict:
@@ -306,21 +337,57 @@ def judge_capture(coverage: Coverage, misfits: list[str]) -> CaptureVerdict:
             for name, count in zip(coverage.names, coverage.shared, strict=True)
             if count < UNCONFIRMED
         ]
-    elif not (coverage.masks_fit or _trial_confirms_poses(coverage)):
-        few = f"{typical:.0f} point{'s' * (typical >= 1.5)} or fewer" if typical >= 1 else "no points"
-        apart = [
-            f"{name} ({fit:.0%})"
-            for name, fit in zip(coverage.names, coverage.mask_fits or [], strict=False)
-            if fit < MASKS_FIT
-        ]
-        masks = f" Masks fit the others in part only: {', '.join(apart)}. They or the poses are wrong." if apart else ""
-        if coverage.mask_doubt:
-            masks = f" The masks confirm nothing: they would fit {coverage.mask_doubt}."
-        faults.append(
-            f"the images do not confirm the poses: half of the cameras have {few} in common with two others.{masks} "
-            f"The poses are wrong, or the cameras show too little in common: check the calibration, or add cameras in between"
+    poses = judge_poses(coverage)
+    faults += poses.faults
+    return poses if not faults else CaptureVerdict(faults)
+
+
+def judge_poses(coverage: Coverage) -> CaptureVerdict:
+    """Judge whether points, the trial or masks confirm the poses, and whether masks contradict each other.
+
+    Cameras far apart share no points, whatever their poses. Such poses are unconfirmed, and not called wrong.
+    """
+    expected, typical = _expectation(coverage), float(np.median(coverage.shared))
+    if coverage.mask_share is not None and coverage.mask_share < EMPTY:
+        return CaptureVerdict(["the masks are black: they show no subject. Make them again, or leave out --masks"])
+    if typical >= FEWEST_SHARED or coverage.masks_fit or _trial_confirms_poses(coverage):
+        if apart := coverage.misfitting(MASK_CONTRADICTS):
+            wrong = "Other evidence confirms the poses, so the masks are wrong: of another capture, shifted, or of other frames?"
+            return CaptureVerdict([f"{_CONTRADICT} {apart}. {wrong} Correct them, or make them again"])
+        return CaptureVerdict([], expected)
+    if apart := coverage.misfitting(MASK_MISFIT):
+        remedy = (
+            "The masks or the poses are wrong: look at the masks (--page). If they show the subject, calibrate again"
         )
-    return CaptureVerdict(faults, "" if faults else _expectation(coverage))
+        return CaptureVerdict([f"{_CONTRADICT} {apart}. {remedy}"])
+    few = f"{typical:.0f} point{'s' * (typical >= 1.5)} or fewer" if typical >= 1 else "no points"
+    common = f"half of the cameras have {few} in common with two others"
+    if coverage.mask_fits is None and (apart_by := float(np.median(coverage.angles))) < NEAR:
+        near = f"though they are only {apart_by:.0f} degrees apart"
+        remedy = "The poses are wrong, or the images show too little detail: check the calibration"
+        return CaptureVerdict([f"the images do not confirm the poses: {common}, {near}. {remedy}"])
+    masks = f". {_why_masks_confirm_nothing(coverage)}" if coverage.mask_fits else "."
+    unconfirmed = f"the poses cannot be confirmed by images this far apart: {common}{masks}"
+    return CaptureVerdict([], expected, unconfirmed, coverage.mask_fits is None)
+
+
+_CONTRADICT = "masks contradict each other. Only a part of these masks fits those of the other cameras:"
+
+
+def _why_masks_confirm_nothing(coverage: Coverage) -> str:
+    fits = dict(zip(coverage.names, coverage.mask_fits or [], strict=False))
+    if coverage.is_mostly_masked:
+        return (
+            f"Nor do the masks confirm them: they cover {coverage.mask_share:.0%} of the images, and large masks fit at any poses. Are "
+            f"they inverted, or white everywhere?"
+        )
+    if blank := [name for name, fit in fits.items() if not fit]:
+        return f"Nor do the masks confirm them: those of {', '.join(blank)} hardly show the subject."
+    if coverage.mask_doubt:
+        return f"Nor do the masks confirm them: they would fit {coverage.mask_doubt}."
+    if apart := coverage.misfitting(MASKS_FIT):
+        return f"Nor do the masks confirm them: {apart} fit the others in part only. Look at these masks, and at the poses."
+    return "Nor do the masks confirm them: whether they would fit other poses as well was not tried."
 
 
 def _trial_confirms_poses(coverage: Coverage) -> bool:
@@ -328,15 +395,17 @@ def _trial_confirms_poses(coverage: Coverage) -> bool:
     trial = coverage.trial
     if trial is None or not trial.holds:
         return False
-    if any(0 < fit < MASK_CONTRADICTS for fit in coverage.mask_fits or []):
+    if coverage.misfitting(MASK_CONTRADICTS):
         return False
     # Cameras far apart share hardly any points, whatever their poses. Silhouettes that fit make a subject.
-    is_small = coverage.subject and (coverage.mask_share is None or coverage.mask_share <= LARGE)
+    is_small = coverage.subject and not coverage.is_mostly_masked
     return trial.psnr > max(trial.flat, trial.nearest) + SUBJECT_FITS if is_small else rating(trial.psnr) != "poor"
 
 
 def _expectation(coverage: Coverage) -> str:
     trial = coverage.trial
+    if coverage.is_mostly_masked:
+        return f"but the masks cover {coverage.mask_share:.0%} of the images: are they inverted?"
     if trial is None:
         return "but no trial of novel views was made"
     if not trial.holds and coverage.subject:
@@ -356,6 +425,8 @@ RAYS, STEPS = 200, 64
 """Number of pixels of each mask that are examined, and of places on the ray of each."""
 SMALLEST = 0.1
 """Smallest size of a mask, as a share of the median. With a wrong pose, masks without weights keep only a small part that fits."""
+NO_FIT = 0.001
+"""Fit of a mask of which nothing fits the others."""
 NEAREST, FARTHEST = 0.1, 1.9
 """Ends of the rays, as shares of the camera's distance from the focus."""
 TURN = 7.0
@@ -407,11 +478,11 @@ class Silhouettes:
 
         With right poses it is 1 but for errors of the masks. One pose that is wrong by ten degrees has 0.4 to 0.8 in the worst camera.
         A mask smaller than `SMALLEST` of the median confirms nothing and has 0. So has each of fewer than three: two masks fit for
-        most poses.
+        most poses. Other masks have at least `NO_FIT`.
         """
         if len(self._cameras) < MIN_CAMERAS:
             return [0.0] * len(self._cameras)
-        return [float(np.nanmean(fit)) if not np.isnan(fit).all() else 0.0 for fit in self._given]
+        return [max(float(np.nanmean(fit)), NO_FIT) if not np.isnan(fit).all() else 0.0 for fit in self._given]
 
     def wrong_poses_that_fit(self) -> str:
         """Return poses that fit the masks as well as the given ones, as the end of a sentence; an empty text if there are none."""

@@ -57,9 +57,33 @@ def test_several_recordings_are_ambiguous(tmp_path: Path) -> None:
     for take in (1, 2, 3):
         touch(tmp_path, *(f"recordings/recording_{take}/cam_{c}.mp4" for c in (1, 2, 3)))
     with pytest.raises(
-        CaptureError, match=r"recordings/recording_1, recordings/recording_2, .*Copy rig\.toml into the one to"
+        CaptureError,
+        match=r"recording_1, recordings/recording_2, .*Give the one to read, such as .*recordings/recording_1\.",
     ):
         found(tmp_path, ["cam_1", "cam_2", "cam_3"])
+
+
+def test_copies_of_a_recording_are_no_recordings(tmp_path: Path) -> None:
+    """Trackers write annotated videos below a recording, or beside its videos."""
+    names = ["cam_0", "cam_1", "cam_2"]
+    for folder in ("walk", "walk/HOLISTIC", "calibration/extrinsic", "S00_Calibration/intrinsics"):
+        touch(tmp_path / "one" / folder, *(f"{name}.mp4" for name in names))
+    assert found(tmp_path / "one", names) == [f"walk/{name}.mp4" for name in names]
+    for folder in ("Trial_1/videos", "Trial_1/pose", "Trial_1/videos_raw"):
+        touch(tmp_path / "two" / "P00" / folder, *(f"{name}_a.mp4" for name in names))
+    assert found(tmp_path / "two", names) == [f"P00/Trial_1/videos/{name}_a.mp4" for name in names]
+    touch(tmp_path / "two" / "Trial_2" / "videos", *(f"{name}.avi" for name in names))
+    touch(tmp_path / "two" / "Trial_3" / "videos", *(f"{name}.avi" for name in names))
+    with pytest.raises(
+        CaptureError, match=r"in rig\.toml: Trial_2, Trial_3\. Give the one to read, such as .*/Trial_2\."
+    ):
+        found(tmp_path / "two", names)
+
+
+def test_videos_of_the_calibration_are_read_if_there_are_no_others(tmp_path: Path) -> None:
+    names = ["cam_0", "cam_1", "cam_2"]
+    touch(tmp_path, *(f"calibration/{kind}/{name}.mp4" for kind in ("extrinsic", "intrinsic") for name in names))
+    assert found(tmp_path, names) == [f"calibration/extrinsic/{name}.mp4" for name in names]
 
 
 @pytest.mark.parametrize(

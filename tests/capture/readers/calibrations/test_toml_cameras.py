@@ -77,6 +77,63 @@ def test_caliscope_numbers_cameras(tmp_path: Path, matrix: bool) -> None:
     assert capture.notes[0] == f"{tmp_path}/camera_array.toml: cam_5 without a pose were left out"
 
 
+SESSIONS = {
+    "calibration at the top": ("camera_array.toml", "recordings/walk", "port_{}", "cameras.{}"),
+    "calibration below": (
+        "calibration/extrinsic/capture_volume/camera_array.toml", "recordings/walk", "cam_{}", "cameras.{}"
+    ),
+    "videos of the calibration": ("camera_array.toml", "calibration/extrinsic", "cam_{}", "cameras.{}"),
+    "synchronized videos": (
+        "walk_camera_calibration.toml", "synchronized_videos", "Camera_00{}_synchronized", "cam_{}"
+    ),
+    "trial": ("calibration/Calib_scene.toml", "videos", "cam0{}", "cam_{}"),
+    "trial of a session": ("calibration/Calib_qualisys.toml", "Trial_1/videos", "cam0{}", "cam_{}"),
+    "trial of a participant": ("S00_Calibration/Calib.toml", "S00_P00/S00_P00_T00/videos", "cam_0{}", "cam_{}"),
+}  # fmt: skip
+"""Calibration, folder of the videos, names of videos and of tables, as Caliscope, FreeMoCap and Pose2Sim leave them."""
+
+
+@pytest.mark.parametrize("kind", SESSIONS)
+def test_sessions_are_read_from_their_folder_and_from_each_recording(tmp_path: Path, kind: str) -> None:
+    file, place, name, key = SESSIONS[kind]
+    (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / file).write_text("".join(table(c, key.format(c)) for c in range(4)))
+    blobs.write(tmp_path / place, [name.format(c) for c in range(4)], project, first=0)
+    folder = tmp_path / place
+    while folder != tmp_path.parent:
+        capture = open_capture(folder)
+        assert blobs.errors(capture).max() < 0.1
+        is_above = not (tmp_path / file).is_relative_to(folder)
+        assert any("in a folder above the recording" in note for note in capture.notes) == is_above
+        capture.close()
+        folder = tmp_path if folder.parent.name in ("recordings", "calibration") else folder.parent
+
+
+def test_calibration_above_is_of_the_videos(tmp_path: Path) -> None:
+    """Lenses without poses do not count, and neither do calibrations of other cameras."""
+    lenses = "".join(f"[cameras.{c}]\nsize = [160, 120]\nmatrix = {K.tolist()}\ntranslation = 0\n" for c in range(4))
+    (tmp_path / "camera_array.toml").write_text(lenses)
+    file = tmp_path / "calibration" / "extrinsic" / "capture_volume" / "camera_array.toml"
+    file.parent.mkdir(parents=True)
+    file.write_text("".join(table(c, f"cameras.{c}") for c in range(4)))
+    blobs.write(tmp_path / "recordings" / "walk", [f"cam_{c}" for c in range(4)], project, first=0)
+    for folder in (tmp_path, tmp_path / "recordings" / "walk"):
+        assert blobs.errors(open_capture(folder)).max() < 0.1
+    turned = "".join(table((c + 1) % 4, f"cameras.{c}") for c in range(4))
+    (tmp_path / "camera_array.toml").write_text(turned)
+    assert blobs.errors(open_capture(tmp_path)).max() < 0.1, "the one of the extrinsic calibration counts"
+    other = tmp_path / "recordings" / "other"
+    other.mkdir()
+    for c, name in enumerate(("left", "right", "top")):
+        folders.write_video(other / f"{name}.mp4", [folders.frame(c, t, 160, 120) for t in range(2)])
+    with pytest.raises(CaptureError, match="without poses of their cameras"):
+        open_capture(other)
+    for name in ("run", "jump"):
+        blobs.write(tmp_path / "recordings" / name, [f"cam_{c}" for c in range(4)], project, first=0)
+    with pytest.raises(CaptureError, match=r"recordings/jump, recordings/run, recordings/walk\. Give the one to read"):
+        open_capture(tmp_path)
+
+
 def test_pixels_that_a_codec_added_are_cut_off(tmp_path: Path) -> None:
     """Calibrated for 168 x 120, filmed with 160 x 120: the first pixel is the same."""
     text = "".join(table(c, f"cam_{c}") for c in range(4)).replace("size = [160", "size = [168")

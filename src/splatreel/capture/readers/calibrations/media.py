@@ -12,6 +12,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
+from splatreel.base.command_line import quoted
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import listed
 from splatreel.capture.files import list_folder
@@ -21,9 +22,11 @@ from splatreel.capture.video import VIDEO_SUFFIXES
 
 PREFERRED = ("synchronized_videos", "videos-sync", "videos", "hdVideos", ".", "images", "hdImgs")
 """Folders of a capture that are read before others, in this order."""
-SKIPPED = re.compile(r"calib.*|intrinsics?|extrinsics?|.*annotated.*|masks?|depths?", re.IGNORECASE)
+SKIPPED = re.compile(r"(.*_)?calib.*|intrinsics?|extrinsics?|.*annotated.*|masks?|depths?", re.IGNORECASE)
 """Folders whose videos and images are not those of the scene."""
-DEPTH = 2
+SHARED = ("calibration/extrinsic",)
+"""Folders that are read if no other fits: all cameras film the target at the same time there."""
+DEPTH = 3
 """Levels of folders below the capture that are searched."""
 WORD = re.compile(r"\d+|[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 """Part of a name: a number, or a word of which several may follow each other, as in camA."""
@@ -47,7 +50,24 @@ class _Group:
     def rank(self, path: Path) -> int:
         """Return the place in the order of preference."""
         name = self.folder.relative_to(path).as_posix()
-        return PREFERRED.index(name) if name in PREFERRED else len(PREFERRED)
+        return PREFERRED.index(name) if name in PREFERRED else len(PREFERRED) + (name in SHARED)
+
+    @property
+    def recording(self) -> Path:
+        """Folder of the recording: of NAME/videos it is NAME."""
+        return self.folder.parent if self.folder.name in PREFERRED else self.folder
+
+    def is_part_of(self, other: _Group) -> bool:
+        """Return True if another folder has the videos of the same recording, and this one has copies, such as annotated ones."""
+        return self.folder != other.folder and (
+            other.folder in self.folder.parents
+            or (self.recording != other.recording and other.recording in self.folder.parents)
+            or (self.recording == other.recording and self._place > other._place)
+        )
+
+    @property
+    def _place(self) -> int:
+        return PREFERRED.index(self.folder.name) if self.folder.name in PREFERRED else len(PREFERRED)
 
 
 def find_media(path: Path, names: list[str], origin: Path, partial: bool = False) -> Media:
@@ -71,16 +91,25 @@ def find_media(path: Path, names: list[str], origin: Path, partial: bool = False
         for kind in KINDS:
             found = [(g, pairs) for g in groups if g.kind == kind and (pairs := _pairs(names, g, simplify, partial))]
             found.sort(key=lambda fit: (fit[0].rank(path), str(fit[0].folder)))
-            if len(found) > 1 and found[0][0].rank(path) == len(PREFERRED):
-                folders = ", ".join(group.folder.relative_to(path).as_posix() for group, _ in found)
-                raise CaptureError(
-                    f"{path}: several folders have {kind} of the cameras in {origin.name}: {folders}. Copy {origin.name} into the one "
-                    f"to read, and name that folder."
-                )
+            usual = [g for g, _ in found if g.rank(path) == len(PREFERRED)]
+            usual = [g for g in usual if not any(g.is_part_of(other) for other in usual)]
+            if usual and found[0][0].rank(path) == len(PREFERRED):
+                if len(usual) > 1:
+                    recordings = ", ".join(g.recording.relative_to(path).as_posix() for g in usual)
+                    raise CaptureError(
+                        f"{path}: several folders have {kind} of the cameras in {origin.name}: {recordings}. Give the one to read, "
+                        f"such as {quoted([usual[0].recording])}."
+                    )
+                found = [fit for fit in found if fit[0] is usual[0]]
             if found:
                 group, pairs = found[0]
                 return {name: group.files[own] for name, own in pairs.items()}  # type: ignore[return-value]
     raise _unpaired(path, names, origin, groups)
+
+
+def has_media(path: Path, names: list[str]) -> bool:
+    """Return True if a folder has videos or images of at least two cameras, by their names."""
+    return any(len(_near(names, group)) > 1 for group in _groups(path))
 
 
 def _pairs(
@@ -132,7 +161,7 @@ SIMPLER: tuple[Callable[[list[str]], list[Any]], ...] = (list, _plain, _distinct
 
 
 def _groups(path: Path) -> Iterator[_Group]:
-    for folder in _folders(path, DEPTH):
+    for folder in [*_folders(path, DEPTH), *(path / name for name in SHARED if (path / name).is_dir())]:
         entries = list_folder(folder)
         below = [entry for entry in entries if entry.is_dir()]
         found: tuple[Media, ...] = (
