@@ -105,7 +105,7 @@ PERSON_SLOPE, PERSON_OFFSET, OWN_SHARE, OWN_LIMIT = 2.0, 0.5, 0.5, 4.0
 SOFT = 0.02
 """Added to probabilities, so that their log odds are finite."""
 NOBODY = 0.3
-"""Largest probability of a person within something that moves and is no person, such as a ball."""
+"""Largest probability of a person within something that moves and is not a person, such as a ball."""
 STEADY = 12.0
 """Difference of colors, gray levels, up to which a pixel of the next frame shows the same."""
 
@@ -223,7 +223,7 @@ class SubjectModel:
     def _with_people(
         self, people: People, images: np.ndarray, found: Evidence, colors: np.ndarray, decided: np.ndarray
     ) -> tuple[Evidence, np.ndarray]:
-        """Return evidence and log odds [C, H, W] that networks of people complete. What moves and is no person stays.
+        """Return evidence and log odds [C, H, W] that networks of people complete. What moves and is not a person stays.
 
         The cameras agree again, with what the networks see.
         """

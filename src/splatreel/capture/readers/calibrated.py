@@ -1,8 +1,8 @@
 """Captures of a calibration file from another program, and videos or images beside it.
 
-The formats are those of `FORMATS`. The calibration is in the capture's folder, in a folder of it whose name contains `calib`, or in
-those of a folder above, as motion capture programs calibrate a session of several recordings. Videos and images belong to the cameras
-by their names (`calibrations/media.py`).
+The formats are those of `FORMATS`. The calibration is in the capture's folder, in a folder of it named like `calibration` or
+`S00_Calibration`, or in those of a folder above, as motion capture programs calibrate a session of several recordings. Videos and images
+belong to the cameras by their names (`calibrations/media.py`).
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ FORMATS: tuple[tuple[str, Callable[[Path, bytes], bool], Callable[[Path], Rig]],
 """Name, recognition by the start of a file, and reader of each format of one file."""
 RESULT = "capture_volume"
 """Folder of Caliscope's complete calibration. The one at the top of the session may be older, or hold lenses only."""
-CALIBRATION_FOLDERS = ("*[cC]alib*", f"[cC]alib*/extrinsic/{RESULT}")
+CALIBRATION_FOLDERS = ("[cC]alib*", "S[0-9]*_[cC]alib*", f"[cC]alib*/extrinsic/{RESULT}")
 """Folders of a capture or of a session that may hold a calibration."""
 SUFFIXES = (".toml", ".txt", ".xml", ".json", ".yml", ".yaml", ".csv", ".npy")
 IN_METERS = ("Qualisys", "ZJU-MoCap")
