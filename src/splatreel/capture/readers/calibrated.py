@@ -1,8 +1,8 @@
 """Captures of a calibration file from another program, and videos or images beside it.
 
 The formats are those of `FORMATS`. The calibration is in the capture's folder, in a folder of it named like `calibration` or
-`S00_Calibration`, or in those of a folder above, as motion capture programs calibrate a session of several recordings. Videos and images
-belong to the cameras by their names (`calibrations/media.py`).
+`S00_Calibration`, or in those of a folder above, as motion capture programs calibrate a session of several recordings. Videos and
+images belong to the cameras by their names (`calibrations/media.py`).
 """
 
 from __future__ import annotations
