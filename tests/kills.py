@@ -122,8 +122,8 @@ class Moments:
         self._around(os, "fsync")
         self._around(os, "replace")
         self._around(os, "unlink")
-        self._around(GroupTrainer, "step")
-        self._around(KeyframeTrainer, "step")
+        self._around(GroupTrainer, "_iterate")
+        self._around(KeyframeTrainer, "_run_batch")
         self._around(Lines, "update")
         self._around(Lines, "stage", enter=self._begin)
         written = Path.write_bytes
