@@ -163,7 +163,7 @@ def tiny_network() -> bytes:
 
     def buffer(values: list[float]) -> "schema.BufferT":
         out = schema.BufferT()
-        out.data = np.frombuffer(np.array(values, np.float32).tobytes(), np.uint8) if values else None
+        out.data = list(np.array(values, np.float32).tobytes()) if values else None
         return out
 
     options = schema.Conv2DOptionsT()

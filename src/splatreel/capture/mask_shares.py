@@ -137,7 +137,7 @@ def describe_motion(names: Sequence[str], images: np.ndarray, masks: np.ndarray)
     from scipy.ndimage import maximum_filter, uniform_filter  # takes a second
 
     step = max(1, images.shape[3] // COMPARED_WIDTH)
-    small = uniform_filter(images[:, :, ::step, ::step].astype(np.float32), (0, 0, 3, 3, 0))
+    small = uniform_filter(images[:, :, ::step, ::step].astype(np.float32), size=(1, 1, 3, 3, 1))  # type: ignore[arg-type]
     changed = np.abs(small[1] - small[0]).max(-1) > CHANGED
     near = 2 * int(NEAR_MASK * changed.shape[2]) + 1
     within = maximum_filter((masks[:, :, ::step, ::step] >= SHOWN).any(0), (0, near, near))

@@ -127,8 +127,8 @@ class People:
         sides = 2 * np.linalg.norm(up, axis=1)
         angles = np.arctan2(up[:, 0], -up[:, 1])
         return [
-            (float(odds[k]), Square(*map(float, hip), float(side), float(angle)))
-            for k, hip, side, angle in zip(likely, hips, sides, angles, strict=True)
+            (float(odds[k]), Square(float(x), float(y), float(side), float(angle)))
+            for k, (x, y), side, angle in zip(likely, hips, sides, angles, strict=True)
         ]
 
     def probability(self, image: np.ndarray, squares: Sequence[Square]) -> tuple[np.ndarray, np.ndarray]:

@@ -365,7 +365,8 @@ def up_angles(cameras: Sequence[Camera]) -> list[float]:
 
 def _nobody(mask: np.ndarray, probability: np.ndarray) -> np.ndarray:
     """Return the parts of a mask [H, W] bool, and what is close to them, that show no person."""
-    count, parts = cv2.connectedComponents(mask.astype(np.uint8))
+    count, found = cv2.connectedComponents(mask.astype(np.uint8))
+    parts = np.asarray(found, np.int64)
     likely = np.zeros(count, np.float32)
     np.maximum.at(likely, parts.ravel(), probability.ravel())
     likely[0] = 1
