@@ -12,7 +12,7 @@ NPM := $(shell command -v npm 2>/dev/null)
 
 MINUTES ?= 8
 
-.PHONY: demo film sample test test-all check bench gpu player golden screens docs wheel npm-package setup models clean
+.PHONY: demo film sample test test-browser test-all check bench gpu player golden screens docs wheel npm-package setup models clean
 
 demo: $(RECON)  ## reconstruct, compress, evaluate and play the built-in scene; a finished reel of it plays at once
 	$(BIN)/splatreel demo --out out/demo
@@ -34,6 +34,9 @@ endef
 test: $(SETUP) $(if $(NPM),player/node_modules/.package-lock.json)  ## the tests that answer in minutes, on all cores
 	$(if $(COVERAGE),$(BIN)/coverage erase)
 	$(call pytest,'smoke or not ($(LONG))')
+
+test-browser: $(SETUP)  ## the web player in a real browser, and the wheel; .ci/run runs them after the others
+	$(call pytest,'(browser or wheel) and not (slow or kill or cluster or oracle or smoke)')
 
 test-all: COVERAGE = 1
 test-all: $(ORACLES) test  ## those, then all others, and how much of the code they ran
