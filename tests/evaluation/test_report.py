@@ -75,7 +75,7 @@ def report(**changes: object) -> Report:
 def test_report_round_trips_with_all_fields(tmp_path: Path) -> None:
     report().write(tmp_path)
     values = json.loads((tmp_path / "report.json").read_text())
-    assert set(values) == FIELDS | {"cameras", "per_frame", "trained_on", "held_out", "coverage"}
+    assert set(values) == FIELDS | {"cameras", "per_frame", "trained_on", "held_out", "coverage", "unmasked"}
     assert values["lpips"] is None
     assert Report.read(tmp_path / "report.json") == report()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["report.json", "report.md"]

@@ -160,7 +160,7 @@ def test_the_page_shows_that_it_loads_before_the_player_is_there(page: Page, ser
     held: list[Route] = []
     page.route("**/player.js", lambda route: held.append(route))
     page.goto(server.url + "?autoplay=0")
-    page.wait_for_function("document.querySelector('main > div')?.getAnimations().length === 1")
+    page.wait_for_function("document.querySelector('main > div')?.getAnimations({subtree: true}).length === 1")
     wait_until(page, lambda: held)
     held.pop().continue_()
     page.unroute("**/player.js")
