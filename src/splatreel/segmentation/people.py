@@ -10,6 +10,7 @@ import importlib.util
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -191,6 +192,7 @@ def _overlap(a: Square, b: Square) -> float:
     return max(inside[0], 0) * max(inside[1], 0) / min(a.side, b.side) ** 2
 
 
+@cache
 def _anchors() -> np.ndarray:
     """Return the places, 0..1, that the detection's outputs are relative to, [N, 2].
 

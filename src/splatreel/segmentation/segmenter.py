@@ -213,19 +213,26 @@ class SubjectModel:
         """Return decisions, from -1 to 1, [C, H, W] float32, and their evidence, of a moment. Arguments: as `evidence`."""
         found = self.evidence(images, there)
         colors = np.stack(threads.map_parallel(lambda c: self.colors[c].evidence(images[c]), range(len(images))))
-        odds = found.odds + np.where(found.support > -0.5, colors, 0)
-        decided = _decided(images, odds)
+        near = np.where(found.support > -0.5, colors, 0)
+        decided = _decided(images, found.odds + near)
         if self.people is None:
             return decided, found
-        own, odds = self._with_people(self.people, images, found, colors, decided)
+        own, odds = self._with_people(self.people, images, found, colors, near, decided)
         return _decided(images, odds), own
 
     def _with_people(
-        self, people: People, images: np.ndarray, found: Evidence, colors: np.ndarray, decided: np.ndarray
+        self,
+        people: People,
+        images: np.ndarray,
+        found: Evidence,
+        colors: np.ndarray,
+        near: np.ndarray,
+        decided: np.ndarray,
     ) -> tuple[Evidence, np.ndarray]:
         """Return evidence and log odds [C, H, W] that networks of people complete. What moves and is not a person stays.
 
-        The cameras agree again, with what the networks see.
+        The cameras agree again, with what the networks see. Arrays [C, H, W]: log odds by `colors`, the same where they count (`near`),
+        and what is decided without the networks.
         """
 
         def look(c: int) -> tuple[np.ndarray, np.ndarray]:
@@ -238,8 +245,7 @@ class SubjectModel:
         person = np.log((probability + SOFT) / (1 - probability + SOFT)) + PERSON_OFFSET
 
         def joined(odds: np.ndarray, slope: float) -> np.ndarray:
-            other = odds + np.where(found.support > -0.5, colors, 0)
-            return slope * person + OWN_SHARE * np.clip(other, -OWN_LIMIT, OWN_LIMIT)
+            return slope * person + OWN_SHARE * np.clip(odds + near, -OWN_LIMIT, OWN_LIMIT)
 
         own = np.where(where, np.clip(joined(found.own, 1), -LIMIT, LIMIT), found.own).astype(np.float32)
         support = self.agreement.support(own)
@@ -359,7 +365,8 @@ def _decided(images: np.ndarray, odds: np.ndarray) -> np.ndarray:
 
 def up_angles(cameras: Sequence[Camera]) -> list[float]:
     """Return the angle of the scene's up direction in the image of each camera, radians clockwise from the image's up."""
-    ups = [camera.viewmat[:3, :3] @ upright(cameras) for camera in cameras]
+    up = upright(cameras)
+    ups = [camera.viewmat[:3, :3] @ up for camera in cameras]
     return [float(np.arctan2(up[0], -up[1])) for up in ups]
 
 

@@ -57,7 +57,7 @@ def plates(film: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return found.images.astype(float), found.unknown
 
 
-def test_clean_plate_of_resting_scene_removes_noise() -> None:
+def test_clean_plate_of_static_scene_removes_noise() -> None:
     images, unknown = plates(filmed_with_person(noise=4.0))
     assert np.abs(images - BACKGROUND).mean() < 1.0, "a single frame is off by 3.2"
     assert not unknown.any()

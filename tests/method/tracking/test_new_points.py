@@ -170,7 +170,7 @@ def test_large_displacement_finds_leap_beyond_object_size() -> None:
     np.testing.assert_allclose(np.median(motion[on_it], 0), MOTION, atol=2 * PIXEL)
 
 
-def test_large_displacement_of_resting_or_vanished_object_is_zero() -> None:
+def test_large_displacement_of_static_or_vanished_object_is_zero() -> None:
     here = make_images(ball())
     points = ball().means[::10].astype(np.float32)
     sizes = np.full(len(points), 0.05, np.float32)
