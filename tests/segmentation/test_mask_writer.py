@@ -2,6 +2,7 @@
 
 import io
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -190,3 +191,11 @@ def test_masks_begun_with_networks_are_not_continued_without_them(scene: Path, t
     _claim(capture, tmp_path / "masks", None, people=True)
     with pytest.raises(CaptureError, match=r"was begun with networks of people.*pip install --no-deps mediapipe"):
         make(scene, tmp_path / "masks")
+
+
+def test_complete_masks_need_no_networks(scene: Path, masks: Path, tmp_path: Path) -> None:
+    """A run that continues elsewhere takes masks that networks made."""
+    shutil.copytree(masks, tmp_path / "masks")
+    record = json.loads((tmp_path / "masks" / RECORD).read_text())
+    (tmp_path / "masks" / RECORD).write_text(json.dumps(record | {"people": True}))
+    assert make(scene, tmp_path / "masks").images == 0

@@ -110,6 +110,17 @@ def test_a_body_that_never_moves_is_found_without_a_clean_plate() -> None:
     assert max(model.moving_shares) > 0.01
 
 
+def test_cameras_without_an_image_say_nothing() -> None:
+    """An image of another time step stands in for the missing one. It shows a body somewhere else."""
+    images, _ = scenes.film(3, 4, at=(0.3, -0.2))
+    model = fit_subject(scenes.ring(4), images, people=networks())
+    there = np.array([True, True, True, False])
+    other = images[0].copy()
+    other[3] = scenes.film(1, 4, at=(-0.8, 0.6))[0][0, 3]
+    found, elsewhere = model.masks(images[:1], there[None]), model.masks(other[None], there[None])
+    assert np.array_equal(found[:, :3], elsewhere[:, :3])
+
+
 def test_what_moves_and_is_no_person_stays() -> None:
     """Animals and balls: the networks see nobody there, and the masks are those without networks."""
     images, truth = scenes.film(6, 4)

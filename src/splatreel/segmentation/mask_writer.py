@@ -94,12 +94,12 @@ def write_masks(
         raise CaptureError(f"{capture.path}: is still being written. Make masks when the capture is complete.")
     plan = _plan(capture, source, folder)
     record = _claim(capture, folder, clean_plate, people is not None)
+    if record.get("complete") and all(file.exists() for files in plan.values() for file in files.values()):
+        return WrittenMasks(0, record["shares"], record["notes"])
     if record["people"] and people is None:
         raise CaptureError(
             f"{folder}: was begun with networks of people, which are not installed now. Run {how_to_install()}, or name a new folder."
         )
-    if record.get("complete") and all(file.exists() for files in plan.values() for file in files.values()):
-        return WrittenMasks(0, record["shares"], record["notes"])
     people = people if record["people"] else None
     model, notes = _model(capture, folder, clean_plate, progress, people)
     names = [camera.name for camera in capture.cameras]

@@ -213,27 +213,20 @@ class SubjectModel:
         """Return decisions, from -1 to 1, [C, H, W] float32, and their evidence, of a moment. Arguments: as `evidence`."""
         found = self.evidence(images, there)
         colors = np.stack(threads.map_parallel(lambda c: self.colors[c].evidence(images[c]), range(len(images))))
-        near = np.where(found.support > -0.5, colors, 0)
-        decided = _decided(images, found.odds + near)
+        decided = _decided(images, found.odds + np.where(found.support > -0.5, colors, 0))
         if self.people is None:
             return decided, found
-        own, odds = self._with_people(self.people, images, found, colors, near, decided)
-        return _decided(images, odds), own
+        return self._with_people(images, there, found, colors, decided)
 
     def _with_people(
-        self,
-        people: People,
-        images: np.ndarray,
-        found: Evidence,
-        colors: np.ndarray,
-        near: np.ndarray,
-        decided: np.ndarray,
-    ) -> tuple[Evidence, np.ndarray]:
-        """Return evidence and log odds [C, H, W] that networks of people complete. What moves and is not a person stays.
+        self, images: np.ndarray, there: np.ndarray | None, found: Evidence, colors: np.ndarray, decided: np.ndarray
+    ) -> tuple[np.ndarray, Evidence]:
+        """Return decisions and evidence that networks of people complete. What moves and is not a person stays.
 
-        The cameras agree again, with what the networks see. Arrays [C, H, W]: log odds by `colors`, the same where they count (`near`),
-        and what is decided without the networks.
+        The cameras agree again, with what the networks see.
         """
+        people = self.people
+        assert people is not None
 
         def look(c: int) -> tuple[np.ndarray, np.ndarray]:
             known = squares_around(decided[c] > 0)
@@ -242,7 +235,10 @@ class SubjectModel:
         seen = threads.map_parallel(look, range(len(images)))
         probability = np.stack([each for each, _ in seen])
         where = np.stack([known & ~_nobody(own > 0, each) for own, (each, known) in zip(decided, seen, strict=True)])
+        if there is not None:
+            where[~there] = False
         person = np.log((probability + SOFT) / (1 - probability + SOFT)) + PERSON_OFFSET
+        near = np.where(found.support > -0.5, colors, 0)
 
         def joined(odds: np.ndarray, slope: float) -> np.ndarray:
             return slope * person + OWN_SHARE * np.clip(odds + near, -OWN_LIMIT, OWN_LIMIT)
@@ -251,7 +247,7 @@ class SubjectModel:
         support = self.agreement.support(own)
         agreed = self._agreed(found.own, support).odds
         odds = np.where(where, joined(agreed, PERSON_SLOPE), agreed + np.where(support > -0.5, colors, 0))
-        return Evidence(own, support, agreed), odds.astype(np.float32)
+        return _decided(images, odds.astype(np.float32)), Evidence(own, support, agreed)
 
     def masks(self, frames: np.ndarray, there: np.ndarray | None = None) -> np.ndarray:
         """Return the masks [T, C, H, W] uint8 of consecutive frames [T, C, H, W, 3] uint8.
