@@ -14,7 +14,10 @@ RESULTS = ROOT / "benchmarks" / "results.jsonl"
 
 
 def record(benchmark: str, values: dict, note: str = "", results: Path = RESULTS) -> dict:
-    """Append {benchmark, revision, date, machine, note, **values} as one line, and return it."""
+    """Append {benchmark, revision, date, machine, note, **values} as one line, and return it.
+
+    A record in the project's own file also goes into the tables of the documents, which a test compares with that file.
+    """
     line = {
         "benchmark": benchmark,
         "revision": revision(),
@@ -25,6 +28,10 @@ def record(benchmark: str, values: dict, note: str = "", results: Path = RESULTS
     }
     with results.open("a", encoding="utf-8") as file:
         file.write(json.dumps(line, allow_nan=False) + "\n")
+    if results == RESULTS:
+        import table  # which reads this module
+
+        table.write(table.latest(results))
     return line
 
 

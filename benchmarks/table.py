@@ -208,8 +208,13 @@ def documents(records: dict[str, dict]) -> dict[Path, str]:
     }
 
 
+def write(records: dict[str, dict]) -> None:
+    """Write the tables into the documents."""
+    for document, inner in documents(records).items():
+        document.write_text(replaced(document.read_text(encoding="utf-8"), inner), encoding="utf-8")
+
+
 if __name__ == "__main__":
     latest_records = latest()
-    for document, inner in documents(latest_records).items():
-        document.write_text(replaced(document.read_text(encoding="utf-8"), inner), encoding="utf-8")
+    write(latest_records)
     print(table(latest_records))

@@ -29,6 +29,21 @@ def test_lines_are_appended_and_labelled(record: ModuleType, tmp_path: Path) -> 
     assert set(lines[0]) == {"benchmark", "revision", "date", "machine", "note", "psnr"}
 
 
+def test_documents_show_what_the_project_records(
+    record: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(FOLDER))
+    table = importlib.import_module("table")
+    page, file = tmp_path / "page.md", tmp_path / "results.jsonl"
+    page.write_text(f"{table.BEGIN}\n{table.END}\n")
+    monkeypatch.setattr(table, "documents", lambda records: {page: records["demo"]["note"]})
+    monkeypatch.setattr(record, "RESULTS", file)
+    record.record("demo", {"psnr": 30.5}, "idle", file)
+    assert "idle" in page.read_text()
+    record.record("demo", {"psnr": 30.5}, "elsewhere", tmp_path / "others.jsonl")
+    assert "elsewhere" not in page.read_text()
+
+
 def test_committed_results_are_readable() -> None:
     file = FOLDER / "results.jsonl"
     lines = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
