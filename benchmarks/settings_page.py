@@ -23,17 +23,18 @@ STANDARD, PAPER = Config(), preset("paper")
 
 
 def defaults_table() -> str:
-    """Return the Markdown table of all defaults, with the measurements by which they were chosen."""
+    """Return the Markdown table of the defaults that measurements chose, and the lists of the other defaults."""
     lines = _head("setting", "default", "in `paper`", "chosen on", "seeds", "measured in")
+    papers, others = [], []
     for setting in settings().values():
-        if setting.name not in WITHOUT_QUALITY:
-            chosen = setting.chosen
-            cells = ("not measured", "", "")
-            if chosen is not None:
-                links = " ".join(f"[{number}]({address})" for number, address in enumerate(chosen.measured, 1))
-                cells = (chosen.captures, chosen.seeds, links)
-            values = (shown(setting.of(config)) for config in (STANDARD, PAPER))
-            lines.append(_row(f"`{setting.name}`", *values, *cells))
+        default, paper = (shown(setting.of(config)) for config in (STANDARD, PAPER))
+        if (chosen := setting.chosen) is not None:
+            links = " ".join(f"[{number}]({address})" for number, address in enumerate(chosen.measured, 1))
+            lines.append(_row(f"`{setting.name}`", default, paper, chosen.captures, chosen.seeds, links))
+        elif setting.name not in WITHOUT_QUALITY:
+            (papers if default == paper else others).append(f"`{setting.name}={default}`")
+    lines += ["", f"**As in `paper`, not measured here:** {', '.join(papers)}."]
+    lines += ["", f"**Chosen by time, by size or by hand, not measured:** {', '.join(others)}."]
     return "\n".join(lines)
 
 

@@ -129,7 +129,7 @@ def _settings_of(section: type, prefix: str, needs: tuple[Needs, ...] = ()) -> I
         hint = extras[field.name]
         all_needs = needs + extras_of(hint, Needs)
         if field.name in own:
-            paper, chosen = (next(iter(extras_of(hint, kind)), None) for kind in (Paper, Chosen))
+            paper, chosen = next(iter(extras_of(hint, Paper)), None), next(iter(extras_of(hint, Chosen)), None)
             yield Setting(prefix + field.name, own[field.name], docs[field.name], all_needs, paper, chosen)
         else:
             yield from _settings_of(hints[field.name], f"{prefix}{field.name}.", all_needs)
