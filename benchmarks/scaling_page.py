@@ -28,8 +28,18 @@ AXES = {
 }
 """What is varied, and what a value of it counts."""
 TIME, MEMORY = "seconds_wall", "memory_mb"
-COLUMNS = ("pictures", "cameras", "frames", "threads", "seconds", "a frame", "processor", "memory MB", "points")
-COLUMNS += ("load before", "commit")
+COLUMNS = (
+    "case",
+    "pictures",
+    "cameras",
+    "frames",
+    "threads",
+    "seconds",
+    "memory MB",
+    "points",
+    "load before",
+    "commit",
+)
 SHARE = 0.05
 """Of a run's time, what a stage takes at least for its exponent to be told."""
 ALLOWED = 0.05
@@ -81,13 +91,11 @@ def page(by_axis: dict[str, list[Row]]) -> str:
     """Return the Markdown between the markers."""
     if not any(by_axis.values()):
         return MISSING
-    parts = [f"![Time and memory against each axis, both logarithmic](images/{PLOT.name})", summary(by_axis)]
-    for axis, some in by_axis.items():
-        if some:
-            parts += [f"### {axis.capitalize()}", table(axis, some)]
-            parts += [text for text in (stages(axis, some), memory(some) if axis == "frames" else "") if text]
+    notes = [f"- {text}" for axis, some in by_axis.items() for text in (stages(axis, some), memory(axis, some)) if text]
     machines = sorted({str(row["machine_before"]).partition(", load ")[0] for some in by_axis.values() for row in some})
-    return "\n\n".join([*parts, f"Measured on {'; '.join(machines)}."])
+    plot_link = f"![Time and memory against each axis, both logarithmic](images/{PLOT.name})"
+    measured = f"Measured on {'; '.join(machines)}."
+    return "\n\n".join([plot_link, summary(by_axis), table(by_axis), "\n".join(notes), measured])
 
 
 def summary(by_axis: dict[str, list[Row]]) -> str:
@@ -101,34 +109,25 @@ def summary(by_axis: dict[str, list[Row]]) -> str:
     return "\n".join(lines)
 
 
-def table(axis: str, some: Sequence[Row]) -> str:
-    """Return a table with a row for each value."""
-    shown = [name for name in COLUMNS if name != axis]
-    first = AXES[axis].partition(",")[0]
-    lines = [_line((first, *shown)), _line(["---"] * (1 + len(shown)))]
-    for row in some:
-        cells = _cells(row)
-        value = cells[axis] if axis == "threads" else value_of(axis, row)
-        lines.append(_line((value, *(cells[name] for name in shown))))
+def table(by_axis: dict[str, list[Row]]) -> str:
+    """Return a table with a row for each case."""
+    lines = [_line(COLUMNS), _line(["---"] * len(COLUMNS))]
+    for axis, some in by_axis.items():
+        for row in some:
+            cells = (
+                f"{AXES[axis].partition(',')[0]} {value_of(axis, row)}",
+                f"{row['width']}x{row['height']}",
+                str(row["cameras"]),
+                str(row["frames"]),
+                str(row["threads"]) + crowded(row),
+                f"{row[TIME]:,.1f}",
+                f"{row[MEMORY]:,.0f}",
+                f"{row['points']:,}",
+                str(row["machine_before"]).partition(", load ")[2] or "not known",
+                f"`{row['revision']}`",
+            )
+            lines.append(_line(cells))
     return "\n".join(lines)
-
-
-def _cells(row: Row) -> dict[str, str]:
-    """Return the cells of a record by column."""
-    cells = (
-        f"{row['width']}x{row['height']}",
-        str(row["cameras"]),
-        str(row["frames"]),
-        str(row["threads"]) + crowded(row),
-        f"{row[TIME]:,.1f}",
-        f"{row[TIME] / row['frames']:.2f}",
-        f"{row['processor']:,.1f}",
-        f"{row[MEMORY]:,.0f}",
-        f"{row['points']:,}",
-        str(row["machine_before"]).partition(", load ")[2] or "not known",
-        f"`{row['revision']}`",
-    )
-    return dict(zip(COLUMNS, cells, strict=True))
 
 
 def crowded(row: Row) -> str:
@@ -146,12 +145,12 @@ def stages(axis: str, some: Sequence[Row]) -> str:
         if seconds >= SHARE * last["seconds_total"]:
             slope = exponent([(number_of(axis, row), row["seconds"].get(name, 0.0)) for row in some])
             found[name] = f"{name} {_exponent(slope)} ({100 * seconds / last['seconds_total']:.0f} % of the last)"
-    return f"Exponents of the seconds of stages: {', '.join(found.values())}." if found else ""
+    return f"Exponents of the seconds of stages, by {axis}: {', '.join(found.values())}." if found else ""
 
 
-def memory(some: Sequence[Row]) -> str:
-    """Return a sentence on the growth of memory in the longest film; an empty one if it has too few groups."""
-    groups = some[-1].get("memory_mb_by_group", []) if some else []
+def memory(axis: str, some: Sequence[Row]) -> str:
+    """Return a sentence on the growth of memory in the longest film; an empty one for other axes, and with too few groups."""
+    groups = some[-1].get("memory_mb_by_group", []) if some and axis == "frames" else []
     if len(groups) < 3 or not groups[EARLY]:
         return ""
     late = min(LATE, len(groups) - 1)

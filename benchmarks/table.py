@@ -114,18 +114,25 @@ UNDRAWN = {name: f"\n{name}.svg was not drawn." for name in ("figure10", "figure
 
 
 def paper_tables(records: dict[str, dict]) -> str:
-    """Return the paper's tables in the order of their numbers, each with what it was measured on."""
+    """Return the paper's tables in the order of their numbers, and what they were measured on."""
     found = {name.split()[1]: record for name, record in records.items() if name.split()[0] == PAPER}
-    parts = []
+    labels = {name: _paper_label(record) for name, record in found.items()}
+    usual = statistics.mode(labels.values()) if labels else ""
+    parts = [f"{usual} This holds for all tables that say nothing else.", ""] if len(found) > 1 else []
     for name in sorted(found, key=lambda name: (not name.isdigit(), int(name.strip(ascii_lowercase) or 0))):
-        record = found[name]
         title = f"Table {name}" if name.isdigit() else name.replace("figure", "Figure ").capitalize()
-        shapes = ", ".join(f"{name} ({shape})" for name, shape in record["captures"].items())
-        settings = "".join(f", `{setting}`" for setting in record.get("settings", []))
-        label = f"Measured at `{record['quality']}`{settings} on {shapes}; commit `{record['revision']}`."
-        text = record["markdown"].partition(UNDRAWN[name])[0] if name in UNDRAWN else record["markdown"]
-        parts += [f"## {title}", "", text.strip(), "", label, ""]
+        text = found[name]["markdown"]
+        text = text.partition(UNDRAWN[name])[0] if name in UNDRAWN else text
+        parts += [f"## {title}", "", text.strip(), ""]
+        parts += [labels[name], ""] if labels[name] != usual or len(found) == 1 else []
     return "\n".join(parts).strip()
+
+
+def _paper_label(record: dict) -> str:
+    """Return the sentence that says on what a table of the paper was measured."""
+    shapes = ", ".join(f"{name} ({shape})" for name, shape in record["captures"].items())
+    settings = "".join(f", `{setting}`" for setting in record.get("settings", []))
+    return f"Measured at `{record['quality']}`{settings} on {shapes}; commit `{record['revision']}`."
 
 
 def sequence_table(records: dict[str, dict]) -> str:

@@ -1,6 +1,7 @@
 """Changes of the pages for the site, and a check of the finished site.
 
-Links out of docs/ lead to the repository, long names in tables break after / and :, and the first page plays the sample reel.
+Links out of docs/ lead to the repository, long names in tables break after / and :, the first page plays the sample reel, and the
+page of the configuration lists all settings.
 The guide for contributors, which lies at the top of the repository, is a page of the site.
 """
 
@@ -21,6 +22,7 @@ LIVE = "sample"
 CELL = re.compile(r"<td.*?</td>", re.DOTALL)
 CODE = re.compile(r"<code>([^<]+)</code>")
 LINK = re.compile(r"\]\((?![a-z]+:|#)([^)#\s]+)((?:#[^)]*)?)\)")
+SETTINGS = "<!-- The site lists all settings here. -->"
 IMAGE = re.compile(r"^!\[([^\]]*)\]\(images/reel\.webp\)$", re.MULTILINE)
 REEL = f"""<splat-reel src="{LIVE}/reel/manifest.json" autoplay muted loop controls aria-label="The built-in scene"></splat-reel>
 <script type="module" src="{LIVE}/player.js"></script>
@@ -37,7 +39,7 @@ def on_files(files: Any, *, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, *, page: Any, config: Any, files: Any) -> str:
-    """Let links to files outside docs/ lead to the repository, and play the sample instead of the first page's image."""
+    """Let links to files outside docs/ lead to the repository, play the sample in place of the first page's image, list settings."""
     here = posixpath.dirname(posixpath.join("docs", page.file.src_uri))
     folder = "" if page.file.src_uri == GUIDE.lower() else here
 
@@ -52,7 +54,25 @@ def on_page_markdown(markdown: str, *, page: Any, config: Any, files: Any) -> st
     markdown = LINK.sub(replace, markdown)
     if page.file.src_uri == "index.md" and SAMPLE.is_dir():
         markdown = IMAGE.sub(lambda _: REEL, markdown)
-    return markdown
+    return markdown.replace(SETTINGS, settings_tables()) if SETTINGS in markdown else markdown
+
+
+def settings_tables() -> str:
+    """Return a Markdown table of the settings of each section: default, meaning, and when they have an effect."""
+    from splatreel.config import Config
+    from splatreel.config.setting_values import shown
+    from splatreel.config.settings import sections, settings
+
+    usual, lines = Config(), list[str]()
+    for section, purpose in sections().items():
+        lines += [f"## {section or 'General'}", "", purpose, "", "| setting | default | meaning |", "|---|---|---|"]
+        for setting in settings().values():
+            if setting.section == section:
+                needs = "".join(f" Has an effect only with `{need}`." for need in setting.needs)
+                text = f"{setting.doc} Takes {setting.kind}.{needs}".replace("|", r"\|")
+                lines.append(f"| `{setting.name}` | {shown(setting.of(usual))} | {text} |")
+        lines.append("")
+    return "\n".join(lines)
 
 
 def on_page_content(html: str, **_: Any) -> str:

@@ -125,7 +125,7 @@ def test_the_papers_tables_are_in_order_and_name_what_they_were_measured_on(tabl
     text = table.paper_tables(records | {"yard": RECORD})
     heads = [line for line in text.splitlines() if line.startswith("## ")]
     assert heads == ["## Table 4", "## Table 12", "## Baselines", "## Figure 10"]
-    assert text.count("Measured at `draft` on kitchen (60 at 320x180); commit `abc1234`.") == 3
+    assert text.count("Measured at `draft` on kitchen (60 at 320x180); commit `abc1234`.") == 1
     assert "Measured at `draft`, `group.length=12` on kitchen" in text
     assert "| 12 |" in text
 

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from splatreel.cli.main import build
+from splatreel.config.settings import sections, settings
 
 ROOT = Path(__file__).parent.parent.parent
 DOCS = ROOT / "docs"
@@ -93,6 +94,19 @@ def first_page(hooks: ModuleType) -> str:
     page = SimpleNamespace(file=SimpleNamespace(src_uri="index.md"))
     config = SimpleNamespace(repo_url="https://example.org")
     return hooks.on_page_markdown((DOCS / "index.md").read_text(encoding="utf-8"), page=page, config=config, files=None)
+
+
+def test_site_lists_every_setting_and_when_it_has_an_effect(hooks: ModuleType) -> None:
+    page = SimpleNamespace(file=SimpleNamespace(src_uri="reference/config.md"))
+    source = (DOCS / "reference" / "config.md").read_text(encoding="utf-8")
+    config = SimpleNamespace(repo_url="https://example.org")
+    lines = hooks.on_page_markdown(source, page=page, config=config, files=None).splitlines()
+    listed = [line.split("`")[1] for line in lines if line.startswith("| `")]
+    assert listed == sorted(settings(), key=lambda name: [*sections()].index(settings()[name].section))
+    (crf,) = [line for line in lines if line.startswith("| `encode.h265.crf` | 20 |")]
+    assert crf.endswith(
+        "Has an effect only with `encode.codec=h265`. Has an effect only with `encode.h265.source=ofs or ori or dif`. |"
+    )
 
 
 def test_first_page_plays_the_sample_with_the_player_of_the_package(

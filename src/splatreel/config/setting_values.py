@@ -6,9 +6,11 @@ import math
 import types
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from splatreel.base.errors import UsageError
+
+E = TypeVar("E")
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,35 @@ class Needs:
         values = " or ".join(map(shown, self.values or self.but))
         own = f"{self.name}{'=' if self.values else ' other than '}{values}"
         return own if self.other is None else f"{own} or {self.other}"
+
+
+@dataclass(frozen=True)
+class Paper:
+    """Hyper-parameter of the paper that a setting has. It stands beside the setting's type, and the preset paper has its value.
+
+    Attributes:
+        name: Name or meaning of the hyper-parameter.
+        exceptions: Other values of the paper, such as "MeetRoom 20".
+        standard: Explanation of the default.
+    """
+
+    name: str
+    exceptions: str = ""
+    standard: str = ""
+
+
+class Chosen:
+    """Measurements by which a default was chosen. They stand beside the setting's type; a setting without them was not measured.
+
+    Attributes:
+        captures: Captures that were compared.
+        measured: Addresses of the measurements, relative to docs/.
+        seeds: Seeds of the runs.
+    """
+
+    def __init__(self, captures: str, *measured: str, seeds: str = "0") -> None:
+        """Store the captures, the addresses and the seeds."""
+        self.captures, self.measured, self.seeds = captures, measured, seeds
 
 
 Count = Annotated[int, Range(1)]
@@ -167,9 +198,9 @@ def kind_of(hint: Any) -> Kind:
     return Kind(hint)
 
 
-def needs_of(hint: Any) -> tuple[Needs, ...]:
-    """Return the conditions in the annotation of a field or section."""
-    return tuple(extra for extra in get_args(hint)[1:] if isinstance(extra, Needs))
+def extras_of(hint: Any, kind: type[E]) -> tuple[E, ...]:
+    """Return what the annotation of a field or section has of a kind, such as its conditions (`Needs`)."""
+    return tuple(extra for extra in get_args(hint)[1:] if isinstance(extra, kind))
 
 
 @cache

@@ -19,7 +19,7 @@ from typing import Any, TypeVar, cast, get_type_hints
 
 from splatreel.base.errors import UsageError
 from splatreel.config.config import Config
-from splatreel.config.setting_values import Kind, Needs, kinds, needs_of, shown
+from splatreel.config.setting_values import Chosen, Kind, Needs, Paper, extras_of, kinds, shown
 
 T = TypeVar("T")
 NEAREST = 3
@@ -60,12 +60,16 @@ class Setting:
         kind: Type and range of its values.
         doc: Documentation.
         needs: Conditions on other settings, without which it has no effect.
+        paper: Hyper-parameter of the paper that it has; None if there is none.
+        chosen: Measurements by which its default was chosen; None without any.
     """
 
     name: str
     kind: Kind
     doc: str
     needs: tuple[Needs, ...] = ()
+    paper: Paper | None = None
+    chosen: Chosen | None = None
 
     @property
     def section(self) -> str:
@@ -122,9 +126,11 @@ def _settings_of(section: type, prefix: str, needs: tuple[Needs, ...] = ()) -> I
     hints, own, docs = get_type_hints(section), kinds(section), _docs(section)
     extras = get_type_hints(section, include_extras=True)
     for field in dataclasses.fields(section):
-        all_needs = needs + needs_of(extras[field.name])
+        hint = extras[field.name]
+        all_needs = needs + extras_of(hint, Needs)
         if field.name in own:
-            yield Setting(prefix + field.name, own[field.name], docs[field.name], all_needs)
+            paper, chosen = next(iter(extras_of(hint, Paper)), None), next(iter(extras_of(hint, Chosen)), None)
+            yield Setting(prefix + field.name, own[field.name], docs[field.name], all_needs, paper, chosen)
         else:
             yield from _settings_of(hints[field.name], f"{prefix}{field.name}.", all_needs)
 
