@@ -16,8 +16,8 @@ PYTHON_FILES = sorted(p for d in ("src", "tests", "benchmarks") for p in (ROOT /
 LADDER = (
     ("base",),
     ("config", "scene"),
-    ("storage",),
-    ("codec", "formats", "kernels", "gpu", "capture"),
+    ("storage", "kernels"),
+    ("codec", "formats", "gpu", "capture"),
     ("calibration", "method", "play"),
     ("gsplat",),
     ("edit", "run", "segmentation"),
