@@ -84,7 +84,7 @@ def ladder_fault(room: str, imported: str) -> str | None:
 def test_the_ladder_judges_right() -> None:
     assert ladder_fault("run", "splatreel.method.images.flow.make_flow") is None
     assert ladder_fault("codec", "numpy") is None
-    assert ladder_fault("codec", "splatreel.kernels.image.render_image") is not None
+    assert ladder_fault("codec", "splatreel.gpu.drawing.Drawing") is not None
     assert ladder_fault("scene", "splatreel.codec.reel") is not None
     assert ladder_fault("cli", "splatreel.open_reel") is not None
 
