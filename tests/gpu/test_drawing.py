@@ -274,6 +274,30 @@ def test_results_do_not_depend_on_the_order_of_threads(subgroups: bool) -> None:
             np.testing.assert_array_equal(found[name], value)
 
 
+@pytest.mark.parametrize("device", DEVICES)
+def test_static_points_that_are_removed_leave_the_views(device: Callable[..., Gpu]) -> None:
+    """Views are the same as those of a scene that never had the points, and nothing is read back or sorted again."""
+    gpu, count = device(), 200
+    case = Case(gpu, points(10, 6, 0, 0.4), 40, 32)
+    params = np.concatenate([array.reshape(count, -1).T for array in points(count, 7, 0, 0.4)])
+    alive = np.random.default_rng(3).random(count) < 0.5
+    changed, fresh = StaticScene(gpu, params), StaticScene(gpu, params)
+    changed.set_alive(np.ones(count, bool), np.zeros(count, bool))
+    before = changed.view(0, case.draw, case.drawing)
+    whole = gpu.read(before["frozen"], np.float32, (32, 40, 4))
+    changed.set_alive(alive, alive)
+    fresh.set_alive(alive, alive)
+    views = [scene.view(0, case.draw, case.drawing) for scene in (changed, fresh)]
+    images = [gpu.read(view["frozen"], np.float32, (32, 40, 4)) for view in views]
+    np.testing.assert_array_equal(images[0], images[1])
+    assert np.abs(images[0] - whole).max() > 0.1
+    assert views[0] is before
+    np.testing.assert_array_equal(gpu.read(views[0]["chosen"], np.uint32, (count,)), alive)
+    changed.set_alive(np.ones(count, bool), alive)  # points that return are sorted again
+    again = gpu.read(changed.view(0, case.draw, case.drawing)["frozen"], np.float32, (32, 40, 4))
+    np.testing.assert_array_equal(again, whole)
+
+
 def binning_pairs(case: Case) -> int:
     moment = deform.DeformedPoints._make([*case.arrays, *NONE])
     opacities, seen = deform.forward(moment, np.zeros(3, np.float32), case.view)
