@@ -77,7 +77,7 @@ def reconstruct_frame(
             *(list(cameras), array, preset(config) if isinstance(config, str) else config),
             points=points,
             point_colors=point_colors,
-            gpu=pick_gpu(device)[0],
+            gpu=pick_gpu(device, *array.shape[-2:-4:-1])[0],
             losses=with_functions(KEYFRAME, losses),
             progress=progress,
         )
@@ -145,7 +145,7 @@ def group_trainer(
         from splatreel.scene.gaussians import StaticPoints
 
         settings = (preset(config) if isinstance(config, str) else config).for_video(len(array))
-        gpu, _ = pick_gpu(device)
+        gpu, _ = pick_gpu(device, *array.shape[-2:-4:-1])
         unit = viewing_distance(list(cameras), means)
         near = near_plane(list(cameras), means) if near is None else near
         if (farthest := max(float(project(camera, means)[1].max()) for camera in cameras)) <= near:

@@ -1,9 +1,11 @@
 """`splatreel devices`: what there is, what training would use, and why."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from splatreel.base import user_cache
 from splatreel.cli.main import main
 from splatreel.gpu import adapters as module
 from splatreel.gpu.adapters import LEAST, Adapter
@@ -27,12 +29,12 @@ def headless(name: str, missing: str | None) -> Adapter:
 @pytest.mark.parametrize(
     ("found", "expected"),
     [
-        ([], "uses the CPU. No driver was found (Vulkan, Metal, Direct3D 12 or NVIDIA's)."),
-        ([adapter("H100", interface="CUDA")], "uses H100 through CUDA and NVRTC."),
+        ([], "uses the CPU. No driver was found (Vulkan, Metal or NVIDIA's)."),
+        ([adapter("H100", interface="CUDA")], "uses H100 through CUDA and NVRTC, if it trains faster than the CPU."),
         ([headless("H100", "NVRTC is not installed")], "uses the CPU. H100 cannot be used: NVRTC is not installed."),
         ([adapter("llvmpipe", "CPU")], "uses the CPU. llvmpipe is a software adapter"),
-        ([adapter("Radeon")], "uses Radeon through Vulkan."),
-        ([adapter("Radeon"), adapter("llvmpipe", "CPU")], "uses Radeon through Vulkan."),
+        ([adapter("Radeon")], "uses Radeon through Vulkan, if it trains faster than the CPU."),
+        ([adapter("Radeon"), adapter("llvmpipe", "CPU")], "uses Radeon through Vulkan, if"),
         ([adapter("Old", interface="OpenGL")], "uses the CPU. Old cannot be used: OpenGL lacks"),
         ([adapter("Tiny", max_compute_workgroup_storage_size=8192)], "training needs 16,384"),
     ],
@@ -52,13 +54,24 @@ def test_auto_takes_a_real_gpu_that_is_large_enough(
     assert all(each.name in text for each in found)
 
 
-def test_devices_are_timed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(module, "adapters", lambda: [adapter("Arc", "IntegratedGPU")])
-    monkeypatch.setattr(machine_speed, "iteration_ms", lambda gpu: 12.5 if gpu is None else 2.25)
+@pytest.mark.parametrize(("milliseconds", "device"), [(2.25, "Arc through Vulkan"), (30.0, "the CPU")])
+def test_devices_are_timed_and_the_faster_one_trains(
+    milliseconds: float,
+    device: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    monkeypatch.setattr(user_cache, "folder", lambda: tmp_path)
+    monkeypatch.setattr(module, "adapters", lambda: [adapter("Arc", "IntegratedGPU"), adapter("Old card")])
+    times = {None: 12.5, "Arc": milliseconds, "Old card": 44.0}
+    monkeypatch.setattr(machine_speed, "iteration_ms", lambda gpu, *_: times[gpu and gpu.adapter.name])
     assert main(["devices"]) == 0
-    text = capsys.readouterr().out
+    text = " ".join(capsys.readouterr().out.split())
     assert "12.5 ms for a training iteration" in text
-    assert "2.2 ms for a training iteration" in text
+    assert "44.0 ms for a training iteration" in text
+    told = f"training runs on {device}: an iteration takes {milliseconds:.1f} ms on the GPU and 12.5 ms on the CPU."
+    assert f"--device auto: {told}" in text
 
 
 def test_without_the_package_the_cpu_is_used(

@@ -24,6 +24,7 @@ def emulated_libraries() -> Path:
     folder = Path(tempfile.mkdtemp(prefix="emulated-gpu-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     os.environ["EMULATOR_FOLDER"] = str(folder)
+    os.environ["XDG_CACHE_HOME"] = str(folder / "cache")  # of compiled kernels
     file = folder / "libnvrtc.so.12"
     command = ["g++", "-std=c++17", "-O1", "-fPIC", "-shared", f'-DEMULATOR_HEADERS="{SOURCES}"']
     subprocess.run([*command, str(SOURCES / "libraries.cpp"), "-o", str(file), "-ldl"], check=True)

@@ -4,19 +4,24 @@ import ctypes
 import gc
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from splatreel.base.errors import GpuError
 from splatreel.gpu import adapters as adapters_module
-from splatreel.gpu import cuda_device
+from splatreel.gpu import cuda_device, cuda_libraries, self_test
 from splatreel.gpu.adapters import adapters, choose_adapter
 from splatreel.gpu.cuda_device import CudaGpu
-from splatreel.gpu.cuda_libraries import Driver, describe_device
+from splatreel.gpu.cuda_libraries import Compiler, Driver, describe_device
+from splatreel.gpu.device import Gpu
 from splatreel.gpu.shared_gpu import open_gpu
 from tests.gpu.devices import emulated_gpu
 from tests.gpu.emulated import emulated_adapter, emulated_device, emulated_libraries
+
+ALL = 4
+"""Orders in which the emulator runs the threads of a block: forwards, backwards, one warp ahead, random, or all in turn."""
 
 
 @pytest.fixture
@@ -26,6 +31,7 @@ def library() -> Iterator[ctypes.CDLL]:
     yield found
     found.emulatorFail(b"")
     found.emulatorSetFreeBytes(1 << 32)
+    found.emulatorSetOrder(ALL)
 
 
 def test_buffers_are_zero_hold_what_is_written_and_are_freed(library: ctypes.CDLL) -> None:
@@ -88,19 +94,35 @@ def test_the_emulator_finds_accesses_outside_of_a_buffer(library: ctypes.CDLL) -
         gpu.read(buffers["sums"], np.uint32, (1,))
 
 
-def test_a_device_that_computes_nonsense_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cuda_device, "translate", lambda source: cuda_source(source).replace("+=", "-="))
-    with pytest.raises(GpuError, match="a test of its sums failed"):
-        CudaGpu(emulated_adapter())
-
-
-cuda_source = cuda_device.translate
-
-
 def test_a_kernel_that_does_not_compile_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cuda_device, "translate", lambda source: "nonsense")
     with pytest.raises(GpuError, match=r"Kernel scan_blocks does not compile(.|\n)*nonsense"):
-        CudaGpu(emulated_adapter())
+        CudaGpu(emulated_adapter()).kernel("scan_blocks")
+
+
+def test_compiled_kernels_are_kept_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A second process loads a kernel without the compiler. Another source, option or compiler is compiled."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    compiled = []
+    original = Compiler._compile
+
+    def compile_(self: Compiler, source: str, *rest: Any) -> bytes:
+        compiled.append(source)
+        return original(self, source, *rest)
+
+    monkeypatch.setattr(Compiler, "_compile", compile_)
+    for _ in range(2):
+        CudaGpu(emulated_adapter()).kernel("scan_add")
+    assert len(compiled) == 1
+    CudaGpu(emulated_adapter(), group=128).kernel("scan_add")
+    assert len(compiled) == 2
+    assert len(list((tmp_path / "splatreel" / "nvrtc").iterdir())) == 2
+
+
+def test_kernels_are_compiled_where_nothing_can_be_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "splatreel").write_text("no folder")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert CudaGpu(emulated_adapter()).kernel("scan_add").program
 
 
 def test_the_adapter_is_found_and_opened(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -114,7 +136,10 @@ def test_the_adapter_is_found_and_opened(monkeypatch: pytest.MonkeyPatch) -> Non
         adapters.cache_clear()
     assert why == "emulated GPU through CUDA and NVRTC."
     assert chosen is not None
-    assert isinstance(open_gpu(chosen), CudaGpu)
+    tested: list[Gpu] = []
+    monkeypatch.setattr(self_test, "check_device", tested.append)  # test_self_test.py tests it
+    assert tested == [open_gpu(chosen)]
+    assert isinstance(tested[0], CudaGpu)
 
 
 @pytest.mark.parametrize(
@@ -127,11 +152,36 @@ def test_the_adapter_is_found_and_opened(monkeypatch: pytest.MonkeyPatch) -> Non
     ],
 )
 def test_the_newest_compiler_that_fits_the_driver_is_used(
-    files: list[str], chosen: str | None, missing: str | None
+    files: list[str], chosen: str | None, missing: str | None, tmp_path: Path
 ) -> None:
-    device = describe_device(Driver(emulated_libraries()), 0, [Path(name) for name in files])
+    for name in files:
+        (tmp_path / name).symlink_to(emulated_libraries())
+    device = describe_device(Driver(emulated_libraries()), 0, [tmp_path / name for name in files])
     assert (device.compiler and device.compiler.name, device.missing) == (chosen, missing)
     assert (device.name, device.capability, device.is_integrated) == ("emulated GPU", 90, False)
+
+
+def test_a_device_that_the_newest_compiler_has_dropped_gets_an_older_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A V100 (7.0) with a driver of CUDA 13, whose compiler starts at 7.5."""
+
+    class Known:
+        def __init__(self, file: Path) -> None:
+            if file.parent != tmp_path:
+                raise GpuError(f"{file} cannot be loaded")
+            self.supported = [75, 120] if "13" in file.name else [50, 90]
+
+    monkeypatch.setattr(cuda_libraries, "Compiler", Known)
+    new, old = tmp_path / "libnvrtc.so.13", tmp_path / "libnvrtc.so.12"
+    choose = cuda_libraries._choose_compiler
+    assert choose([new, old], 13, 70) == (old, None)
+    assert choose([new, old], 13, 75) == (new, None)
+    assert choose([Path("libnvrtc.so.13"), old], 13, 90) == (old, None)
+    missing = (
+        "NVRTC 13 does not load, or no longer compiles for compute capability 7.0 (pip install nvidia-cuda-nvrtc-cu12)"
+    )
+    assert choose([new], 13, 70) == (None, missing)
 
 
 def test_without_a_driver_there_is_no_device(tmp_path: Path) -> None:

@@ -1,16 +1,19 @@
 """Kernels of the GPU against those of the CPU: pairs, order, image, loss and gradients."""
 
+import ctypes
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from splatreel.base.errors import GpuError
+from splatreel.gpu import drawing as drawing_module
 from splatreel.gpu.device import Gpu
-from splatreel.gpu.drawing import DRAW, WHOLE, Drawing, fill_view, new_draw
+from splatreel.gpu.drawing import DRAW, WHOLE, Drawing, StaticScene, fill_view, new_draw
 from splatreel.gpu.wgpu_device import WgpuGpu
 from splatreel.kernels import binning, deform, photometric, project, rasterize
-from tests.gpu.devices import DEVICES, software_adapter, software_gpu
+from tests.gpu.devices import DEVICES, emulated_gpu, software_adapter, software_gpu
+from tests.gpu.emulated import emulated_libraries
 
 NEAR, LAMBDA = 0.01, 0.2
 GAIN = np.array([0.9, 1.0, 1.1], np.float32)
@@ -55,7 +58,7 @@ class Case:
         drawing.set_points(np.concatenate([array.reshape(count, int(np.prod(array.shape[1:]))).T for array in arrays]))
         drawing.set_size(width, height)
         drawing.fit_pairs(12 * count + 16)
-        draw = new_draw()
+        self.draw = draw = new_draw()
         fill_view(draw, pose, K, width, height, NEAR, antialias)
         draw["counts"] = count, arrays[5].shape[1], 0, drawing.capacity
         draw["numbers"][0] |= WHOLE
@@ -204,14 +207,17 @@ def test_sums_of_any_length(device: Callable[..., Gpu], length: int) -> None:
 
 
 @pytest.mark.parametrize("device", DEVICES)
-def test_more_pairs_than_fit_are_reported(device: Callable[..., Gpu]) -> None:
+def test_more_pairs_than_fit_are_reported(device: Callable[..., Gpu], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The buffers are as small as the number of pairs that they are said to hold. The emulated GPU finds what lies outside."""
     case = Case(device(), points(300, 6, 0, 0.2), 48, 32)
     needed = binning_pairs(case)
-    case.drawing.capacity = 5
-    draw = new_draw()
-    draw["counts"][3] = 5
+    monkeypatch.setattr(drawing_module, "FEWEST_PAIRS", 1)
+    case.drawing.capacity, case.drawing._static_capacity = 0, -1
+    case.drawing.fit_pairs(4)
+    assert case.drawing.buffers["list"].size == 64
+    case.buffers = case.drawing.alone() | {name: case.buffers[name] for name in ("targets", "gains")}
     offset = DRAW.fields["counts"][1] + 12
-    case.gpu.write(case.drawing.buffers["draw"], np.array([5], np.uint32), offset)
+    case.gpu.write(case.drawing.buffers["draw"], np.array([case.drawing.capacity], np.uint32), offset)
     case.run()
     assert case.drawing.needed_pairs() == pytest.approx(needed, rel=0.01)
     case.drawing.grow(needed)
@@ -227,6 +233,69 @@ def test_pairs_fill_a_buffer_where_there_is_no_room_to_spare(monkeypatch: pytest
     drawing.fit_pairs(10_000)
     with pytest.raises(GpuError, match="the gradients of the pairs takes"):
         drawing.fit_pairs(10_100)
+
+
+def draw_in_order(gpu: Gpu, library: ctypes.CDLL, order: int) -> dict[str, np.ndarray]:
+    """Draw moving splats among static ones, which get no gradients, and return picture and gradients."""
+    library.emulatorSetOrder(order)
+    arrays, still = points(120, 6, 0, 0.4), points(120, 7, 0, 0.4)
+    arrays[3] -= 2
+    still[3] -= 2
+    case = Case(gpu, arrays, 40, 32)
+    scene = StaticScene(gpu, np.concatenate([array.reshape(120, -1).T for array in still]))
+    scene.set_alive(np.ones(120, bool), np.zeros(120, bool))
+    draw = case.draw
+    view = scene.view(0, draw, case.drawing)
+    case.drawing.fit_pairs(0, scene.pairs)
+    draw["counts"][2:] = 120, case.drawing.capacity
+    gpu.write(case.drawing.buffers["draw"], draw)
+    case.buffers = case.drawing.alone() | {name: case.buffers[name] for name in ("targets", "gains")} | view
+    gpu.write(case.drawing.buffers["d_image"], np.random.default_rng(2).normal(size=(32, 40, 4)).astype(np.float32))
+    recording = gpu.record()
+    case.drawing.record_pairs(recording, case.buffers)
+    case.drawing.record_image(recording, case.buffers)
+    case.drawing.record_splat_gradients(recording, case.buffers)
+    recording.submit()
+    assert case.drawing.needed_pairs() == 0
+    return {"image": case.read("image", np.float32, 32, 40, 4), "d_splats": case.read("d_splats", np.float32, 120, 12)}
+
+
+@pytest.mark.parametrize("subgroups", [True, pytest.param(False, marks=SLOW)], ids=["subgroups", "shared memory"])
+def test_results_do_not_depend_on_the_order_of_threads(subgroups: bool) -> None:
+    """Threads forwards, backwards, one warp ahead, at random: the same bits. Static splats among moving ones have no sums."""
+    gpu, library = emulated_gpu(64, subgroups), ctypes.CDLL(str(emulated_libraries()))
+    try:
+        expected, *others = (draw_in_order(gpu, library, order) for order in range(4))
+    finally:
+        library.emulatorSetOrder(4)
+    assert np.count_nonzero(expected["d_splats"]) > 500
+    for found in others:
+        for name, value in expected.items():
+            np.testing.assert_array_equal(found[name], value)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_static_points_that_are_removed_leave_the_views(device: Callable[..., Gpu]) -> None:
+    """Views are the same as those of a scene that never had the points, and nothing is read back or sorted again."""
+    gpu, count = device(), 200
+    case = Case(gpu, points(10, 6, 0, 0.4), 40, 32)
+    params = np.concatenate([array.reshape(count, -1).T for array in points(count, 7, 0, 0.4)])
+    alive = np.random.default_rng(3).random(count) < 0.5
+    changed, fresh = StaticScene(gpu, params), StaticScene(gpu, params)
+    changed.set_alive(np.ones(count, bool), np.zeros(count, bool))
+    before = changed.view(0, case.draw, case.drawing)
+    whole = gpu.read(before["frozen"], np.float32, (32, 40, 4))
+    changed.set_alive(alive, alive)
+    fresh.set_alive(alive, alive)
+    views = [scene.view(0, case.draw, case.drawing) for scene in (changed, fresh)]
+    images = [gpu.read(view["frozen"], np.float32, (32, 40, 4)) for view in views]
+    np.testing.assert_array_equal(images[0], images[1])
+    assert np.abs(images[0] - whole).max() > 0.1
+    assert views[0] is before
+    np.testing.assert_array_equal(gpu.read(views[0]["chosen"], np.uint32, (count,)), alive)
+    changed.set_alive(np.ones(count, bool), alive)  # points that return are sorted again
+    again = gpu.read(changed.view(0, case.draw, case.drawing)["frozen"], np.float32, (32, 40, 4))
+    np.testing.assert_array_equal(again, whole)
 
 
 def binning_pairs(case: Case) -> int:

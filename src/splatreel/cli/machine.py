@@ -10,19 +10,20 @@ def devices(measure: bool = True) -> None:
     """List the processors and GPUs of this machine, and say what `--device auto` would use and why.
 
     Args:
-        measure: Time training iterations, about two seconds for each device. Software adapters are not timed.
+        measure: Time training iterations again, about two seconds for each device. Software adapters are not timed.
     """
     from splatreel.base.errors import GpuError
     from splatreel.gpu import adapters as gpus
     from splatreel.gpu.shared_gpu import SharedGpu
     from splatreel.run import machine_speed
-    from splatreel.run.device_choice import pick_gpu
+    from splatreel.run.device_choice import faster_device, uses_gsplat
     from splatreel.run.machine_speed import describe_processor
 
     say(f"CPU   {describe_processor()}")
     if measure:
         say(f"      {machine_speed.iteration_ms(None):.1f} ms for a training iteration")
     found = gpus.adapters()
+    chosen, why = gpus.choose_adapter(found)
     for adapter in found:
         kind = "software" if adapter.is_software else adapter.kind
         buffer, shared = (
@@ -33,19 +34,19 @@ def devices(measure: bool = True) -> None:
         say(f"      buffers up to {buffer / 1e6:,.0f} MB, {shared / 1024:.0f} KB a workgroup, {operations} subgroups")
         if adapter.missing is not None:
             say(f"      cannot train: {adapter.missing}")
-        elif measure and not adapter.is_software:
+        elif measure and not adapter.is_software and adapter is not chosen:
             try:
                 say(f"      {machine_speed.iteration_ms(SharedGpu(adapter)):.1f} ms for a training iteration")
             except GpuError as error:
                 say(f"      training fails: {error}")
-    chosen, why = gpus.choose_adapter(found)
-    training = pick_gpu("auto")[0]
-    if training is not None and training.kind == "cuda":
+    if uses_gsplat():
         say("--device auto uses CUDA with gsplat.")
-    elif chosen is not None:
-        say(f"--device auto uses {why}")
-    else:
+    elif chosen is None:
         say(f"--device auto uses the CPU. {why}")
+    elif measure:
+        say(f"--device auto: {faster_device(chosen, machine_speed.SMALL.megapixels, renew=True)[1]}.")
+    else:
+        say(f"--device auto uses {chosen.name} through {chosen.route}, if it trains faster than the CPU.")
 
 
 def warmup(threads: int | None = None) -> None:

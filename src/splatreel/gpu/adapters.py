@@ -32,7 +32,7 @@ class Adapter:
     """A graphics processor, or a program that simulates one, through one of the system's interfaces.
 
     Attributes:
-        interface: Vulkan, Metal, D3D12, OpenGL or `CUDA`.
+        interface: Vulkan, Metal, OpenGL or `CUDA`.
         kind: DiscreteGPU, IntegratedGPU, CPU or Unknown.
         limits: Limits by wgpu's names.
         handle: Adapter of wgpu, or a `CudaDevice`.
@@ -98,9 +98,10 @@ def _wgpu_adapters() -> list[Adapter]:
         import wgpu
         from wgpu.backends.wgpu_native.extras import set_instance_extras
 
-        # Looking for OpenGL prints warnings on machines without a screen, and training cannot use it.
+        # OpenGL lacks what training needs. The compiler that Windows brings for Direct3D 12 (FXC) has no subgroups and rejects barriers
+        # in loops over a tile's splats; drivers for Windows have Vulkan.
         with contextlib.suppress(RuntimeError):  # the program that calls us has used wgpu before
-            set_instance_extras(backends=("Vulkan", "Metal", "DX12"))
+            set_instance_extras(backends=("Vulkan", "Metal"))
         return [_adapter(handle) for handle in wgpu.gpu.enumerate_adapters_sync()]
     except (ImportError, OSError, RuntimeError):  # no library for this system, or no driver
         return []
@@ -126,7 +127,7 @@ def choose_adapter(found: Sequence[Adapter], software: bool = False) -> tuple[Ad
     if not found and not is_installed():
         return None, "The package wgpu is not installed, and NVIDIA's driver was not found."
     if not found:
-        return None, "No driver was found (Vulkan, Metal, Direct3D 12 or NVIDIA's)."
+        return None, "No driver was found (Vulkan, Metal or NVIDIA's)."
     usable = [adapter for adapter in found if adapter.missing is None]
     if not usable:
         return None, f"{found[0].name} cannot be used: {found[0].missing}."

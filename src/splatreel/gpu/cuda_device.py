@@ -47,7 +47,7 @@ class CudaGpu(Gpu):
     """An opened NVIDIA GPU."""
 
     def __init__(self, adapter: Adapter, group: int | None = None, subgroups: bool | None = None) -> None:
-        """Open an adapter whose handle is a `CudaDevice`. A failed test of the device raises a `GpuError`."""
+        """Open an adapter whose handle is a `CudaDevice`. Raise a `GpuError` if the driver fails."""
         super().__init__(adapter, group, subgroups)
         self.largest = adapter.limits["max-storage-buffer-binding-size"]
         handle: CudaDevice = adapter.handle
@@ -56,19 +56,6 @@ class CudaGpu(Gpu):
         self._compiler = Compiler(handle.compiler)
         self._prelude = read_shader("prelude.cu")
         self._context = self._driver.pointer("cuDevicePrimaryCtxRetain", handle.number)
-        self._check_sums()
-
-    def _check_sums(self) -> None:
-        """Raise a `GpuError` if a small kernel does not give its known results, so that a device that computes nonsense is not used."""
-        values = np.arange(4 * self.group, dtype=np.uint32)
-        buffers = {"values": self.upload(values), "sums": self.zeros(4)}
-        buffers["length"] = self.uniform(np.array([len(values), 1, 0, 0], np.uint32))
-        recording = self.record()
-        recording.run_each(self.kernel("scan_blocks"), self.group, buffers)
-        recording.submit()
-        if not np.array_equal(self.read(buffers["values"], np.uint32, values.shape), np.cumsum(values) - values):
-            raise GpuError(f"{self.adapter.name}: a test of its sums failed.")
-        self.forget_buffers()
 
     def call(self, *calls: Call) -> None:
         """Call functions of the driver on this device, one after another. Their errors are `GpuError`."""

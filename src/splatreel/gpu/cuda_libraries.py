@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import hashlib
 import importlib.util
 import re
 import sys
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from splatreel.base import user_cache
 from splatreel.base.errors import GpuError
 
 DRIVER = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
@@ -90,6 +92,7 @@ class Compiler:
     def __init__(self, file: Path) -> None:
         """Load the compiler, or raise a `GpuError`."""
         self._library = _load(file, _COMPILER_CALLS)
+        self._file = file
         count = c_int()
         self._library.nvrtcGetNumSupportedArchs(byref(count))
         found = (c_int * count.value)()
@@ -99,15 +102,25 @@ class Compiler:
     def compile(self, source: str, name: str, capability: int) -> bytes:
         """Compile CUDA C++ for a compute capability, such as 90. Return machine code, or PTX for newer devices.
 
-        Raise a `GpuError` if the source has an error, or the device is too old for the compiler.
+        Results are kept in the user's cache, since each process needs them and compiling takes five seconds.
+        Raise a `GpuError` if the source has an error.
         """
-        known = [each for each in self.supported if each <= capability]
-        if not known:
-            raise GpuError(
-                f"NVRTC compiles for compute capability {self.supported[0]} and newer, the device has {capability}."
-            )
-        exact = known[-1] == capability
-        options = [f"--gpu-architecture={'sm' if exact else 'compute'}_{known[-1]}".encode(), b"--std=c++17"]
+        known = max(each for each in self.supported if each <= capability)
+        exact = known == capability
+        options = [f"--gpu-architecture={'sm' if exact else 'compute'}_{known}".encode(), b"--std=c++17"]
+        cached = self._cache_name(source, options)
+        binary = user_cache.load(cached)
+        if binary is None:
+            binary = self._compile(source, name, options, exact)
+            user_cache.save(cached, binary)
+        return binary
+
+    def _cache_name(self, source: str, options: Sequence[bytes]) -> str:
+        found = self._file.stat()
+        compiler = f"{self._file} {found.st_size} {found.st_mtime_ns}".encode()
+        return f"nvrtc/{hashlib.sha256(b' '.join([compiler, *options, source.encode()])).hexdigest()}"
+
+    def _compile(self, source: str, name: str, options: Sequence[bytes], exact: bool) -> bytes:
         program = c_void_p()
         self._library.nvrtcCreateProgram(byref(program), source.encode(), f"{name}.cu".encode(), 0, None, None)
         try:
@@ -212,7 +225,7 @@ def describe_device(driver: Driver, number: int, compilers: Sequence[Path]) -> C
     driver.call("cuDeviceGetName", name, len(name), device)
     driver.call("cuDeviceTotalMem_v2", ctypes.byref(memory), device)
     capability = 10 * attribute(MAJOR) + attribute(MINOR)
-    compiler, missing = _choose_compiler(compilers, driver.integer("cuDriverGetVersion") // 1000)
+    compiler, missing = _choose_compiler(compilers, driver.integer("cuDriverGetVersion") // 1000, capability)
     if capability < LEAST_CAPABILITY:
         missing = f"its compute capability is {capability / 10:.1f}, training needs {LEAST_CAPABILITY / 10:.1f}"
     limits = {
@@ -225,11 +238,26 @@ def describe_device(driver: Driver, number: int, compilers: Sequence[Path]) -> C
     return CudaDevice(name.value.decode(), device, capability, integrated, limits, driver, compiler, missing)
 
 
-def _choose_compiler(found: Sequence[Path], version: int) -> tuple[Path | None, str | None]:
-    """Return the compiler for a driver, and why there is none. version: major version of CUDA that the driver supports."""
+def _choose_compiler(found: Sequence[Path], version: int, capability: int) -> tuple[Path | None, str | None]:
+    """Return the newest compiler that a driver accepts and that knows the device, and why there is none.
+
+    Compilers drop old devices: CUDA 13 compiles for compute capability 7.5 and newer.
+
+    Args:
+        found: Files of compilers, the newest first.
+        version: Major version of CUDA that the driver supports.
+        capability: Compute capability of the device, such as 90.
+    """
     fitting = [path for path in found if compiler_version(path) <= version]
-    if fitting:
-        return fitting[0], None
-    package = "nvidia-cuda-nvrtc" if version >= 13 else "nvidia-cuda-nvrtc-cu12"
-    what = "NVRTC is not installed" if not found else f"NVRTC {compiler_version(found[-1])} needs a newer driver"
+    for path in fitting:
+        with contextlib.suppress(GpuError):
+            if Compiler(path).supported[0] <= capability:
+                return path, None
+    package = "nvidia-cuda-nvrtc" if version >= 13 and capability >= 75 else "nvidia-cuda-nvrtc-cu12"
+    if not found:
+        what = "NVRTC is not installed"
+    elif not fitting:
+        what = f"NVRTC {compiler_version(found[-1])} needs a newer driver"
+    else:
+        what = f"NVRTC {compiler_version(fitting[0])} does not load, or no longer compiles for compute capability {capability / 10:.1f}"
     return None, f"{what} (pip install {package})"

@@ -18,7 +18,7 @@ from splatreel.gpu.adapters import Adapter
 
 BINDING = re.compile(r"@binding\((\d+)\) var<(storage, read_write|storage, read|uniform)> (\w+)")
 _USES = re.compile(r"^// use: (.*)$", re.MULTILINE)
-_SUBGROUP_CALL = "add_up(local, entry.y, sum0, sum1, sum2, lane, number, subgroups, k % 2u);"
+_SUBGROUP_CALL = "add_up(local, entry.y, sum0, sum1, sum2, lane, number, subgroups, turn); turn = 1u - turn;"
 _SUBGROUP_ARGUMENTS = (
     ": u32, @builtin(subgroup_invocation_id) lane: u32, @builtin(subgroup_id) number: u32, "
     "@builtin(num_subgroups) subgroups: u32"

@@ -240,7 +240,7 @@ LOGIT = 10
 
 
 class StaticScene:
-    """Static points, hidden ones included. Each view projects and sorts them once, and draws them once alone.
+    """Static points, hidden ones included. Each view projects and sorts them once, and draws them alone after each change.
 
     `pairs` is the largest number of (splat, tile) pairs of a view so far.
     """
@@ -252,21 +252,36 @@ class StaticScene:
         self.count = params.shape[1]
         self.pairs = 0
         self._views: dict[int, Buffers] = {}
-        self._shown: Any = None
+        self._outdated: set[int] = set()
+        self._shown: Any = gpu.zeros(params.nbytes, "the static points")
+        self._alive = np.zeros(self.count, bool)
+        self._mask: Any = gpu.zeros(4 * self.count)
+        self._length = gpu.uniform(np.array([self.count, 0, 0, 0], np.uint32))
         self.chosen: Any = gpu.zeros(4 * self.count)
         self.meter: Any = gpu.zeros(8 * self.count)
 
     def set_alive(self, alive: np.ndarray, chosen: np.ndarray) -> None:
-        """Show only the points of a mask [S], and forget the views. The gradients of `chosen` points [S] can be measured."""
+        """Show only the points of a mask [S]. The gradients of `chosen` points [S] can be measured.
+
+        Views keep their pairs if points are only removed, as density control does.
+        """
+        if self.count == 0:
+            return
         params = self._params.copy()
         params[LOGIT, ~alive] = HIDDEN
-        self._shown = self._gpu.upload(params, "the static points")
-        self.chosen = self._gpu.upload(chosen.astype(np.uint32), "the static points")
-        self.forget_views()
+        self._gpu.write(self._shown, params)
+        self._gpu.write(self.chosen, chosen.astype(np.uint32))
+        self._gpu.write(self._mask, alive.astype(np.uint32))
+        if np.any(alive & ~self._alive):
+            self.forget_views()
+        elif np.any(self._alive & ~alive):
+            self._outdated = set(self._views)
+        self._alive = alive.copy()
 
     def forget_views(self) -> None:
         """Forget what the views know, such as after a change of the image size."""
         self._views.clear()
+        self._outdated.clear()
         self._gpu.forget_buffers()
         self.pairs = 0
 
@@ -279,7 +294,21 @@ class StaticScene:
         if camera not in self._views:
             self._views[camera] = self._freeze(draw, drawing)
             self.pairs = max(self.pairs, self._views[camera]["pairs"])
+        elif camera in self._outdated:
+            self._hide_removed(self._views[camera], drawing)
+            self._outdated.discard(camera)
         return self._views[camera]
+
+    def _hide_removed(self, kept: Buffers, drawing: Drawing) -> None:
+        """Make points of a view that are no longer alive transparent, and draw the static points again."""
+        recording = self._gpu.record()
+        used = {"length": self._length, "alive": self._mask, "static_splats": kept["static_splats"]}
+        recording.run_each(self._gpu.kernel("hide"), self.count, used)
+        drawing.fit_pairs(0, self.pairs)
+        alone = drawing.alone() | {name: kept[name] for name in ("static_splats", "static_pairs", "static_offsets")}
+        alone |= {"draw": kept["static_draw"], "tile_offsets": drawing.buffers["no_offsets"]}
+        drawing.record_image(recording, alone | {"image": kept["frozen"], "status": kept["static_status"]})
+        recording.submit()
 
     def _freeze(self, draw: np.ndarray, drawing: Drawing) -> Buffers:
         gpu, s, (width, height) = self._gpu, self.count, drawing.size
@@ -287,14 +316,16 @@ class StaticScene:
         block = draw.copy()
         block["counts"][0], block["counts"][2] = s, 0
         block["numbers"][0] = int(block["numbers"][0]) & ~0x3 | WHOLE  # neither moved nor shaded
-        uniform = gpu.uniform(block)
         kept: Buffers = {
             "static_splats": gpu.zeros(SPLAT_BYTES * s, "the static splats of a view"),
             "static_first": gpu.zeros(4 * (s + 1), "the static splats of a view"),
             "static_offsets": gpu.zeros(4 * (tiles + 1)),
             "frozen": gpu.zeros(16 * width * height, "the static image of a view"),
+            "static_draw": gpu.uniform(block),
+            "static_status": gpu.zeros(8),
             "chosen": self.chosen,
         }
+        uniform = kept["static_draw"]
         used = drawing.alone() | {
             "draw": uniform,
             "params": self._shown,
@@ -303,7 +334,7 @@ class StaticScene:
             "tile_counts": kept["static_offsets"],
             "tile_offsets": kept["static_offsets"],
             "image": kept["frozen"],
-            "status": gpu.zeros(8),
+            "status": kept["static_status"],
         }
         counting = gpu.record()
         drawing.record_counts(counting, used, s)

@@ -42,11 +42,16 @@ class SharedGpu:
 
 
 def open_gpu(adapter: Adapter) -> Gpu:
-    """Open an adapter through its interface, or raise a `GpuError`."""
+    """Open an adapter through its interface, and test it. Raise a `GpuError` if the driver fails or the device computes nonsense."""
+    from splatreel.gpu.self_test import check_device
+
     if adapter.interface == CUDA:
         from splatreel.gpu.cuda_device import CudaGpu
 
-        return CudaGpu(adapter)
-    from splatreel.gpu.wgpu_device import WgpuGpu
+        gpu: Gpu = CudaGpu(adapter)
+    else:
+        from splatreel.gpu.wgpu_device import WgpuGpu
 
-    return WgpuGpu(adapter)
+        gpu = WgpuGpu(adapter)
+    check_device(gpu)
+    return gpu

@@ -1,8 +1,10 @@
-"""A GPU through wgpu: Vulkan, Metal or Direct3D 12."""
+"""A GPU through wgpu: Vulkan or Metal."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import contextlib
+import logging
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,8 +23,7 @@ LIMITS = (
     "max-compute-workgroup-size-x",
 )
 """Limits that are raised to what the adapter has."""
-ERRORS: tuple[type[Exception], ...] = (wgpu.GPUError, RuntimeError)
-"""Errors that wgpu raises."""
+logging.getLogger("wgpu").addHandler(logging.NullHandler())  # what it reports is raised, too
 
 
 class WgpuGpu(Gpu):
@@ -41,36 +42,43 @@ class WgpuGpu(Gpu):
         """
         super().__init__(adapter, group, subgroups)
         asked = {name: adapter.limits[name] for name in LIMITS if name in adapter.limits}
-        try:
+        with self.errors("the driver opens no device"):
             self.device = adapter.handle.request_device_sync(
                 required_features=["subgroup"] if self.subgroups else [],
                 required_limits=asked if limits is None else dict(limits),
             )
-        except ERRORS as error:
-            raise GpuError(f"{adapter.name}: the driver opens no device: {error}") from error
         granted = self.device.limits
         self.largest = int(min(granted["max-storage-buffer-binding-size"], granted["max-buffer-size"]))
 
+    @contextlib.contextmanager
+    def errors(self, failure: str) -> Iterator[None]:
+        """Turn all errors of wgpu into a `GpuError`. All calls of wgpu stand in such a block.
+
+        failure: what fails, for the user; a lost device has its own sentence. The cause of the error has wgpu's text.
+        """
+        try:
+            yield
+        except (wgpu.GPUError, RuntimeError) as error:
+            what = "the device was lost" if "lost" in str(error).lower() else failure
+            raise GpuError(f"{self.adapter.name}: {what}.") from error
+
     def _allocate(self, size: int, label: str) -> Any:
         usage = wgpu.BufferUsage.STORAGE | wgpu.BufferUsage.COPY_SRC | wgpu.BufferUsage.COPY_DST
-        try:
+        with self.errors(f"no room for {label} of {size / 1e6:,.0f} MB"):
             return self.device.create_buffer(size=size, usage=usage)
-        except ERRORS as error:
-            raise GpuError(f"{self.adapter.name}: no room for {label} of {size / 1e6:,.0f} MB: {error}") from error
 
     def uniform(self, array: np.ndarray) -> Any:
         """See `Gpu`."""
-        usage = wgpu.BufferUsage.UNIFORM | wgpu.BufferUsage.COPY_DST
-        buffer = self.device.create_buffer(size=array.nbytes, usage=usage)
+        with self.errors("no room for the numbers of a draw"):
+            usage = wgpu.BufferUsage.UNIFORM | wgpu.BufferUsage.COPY_DST
+            buffer = self.device.create_buffer(size=array.nbytes, usage=usage)
         self.write(buffer, array)
         return buffer
 
     def write(self, buffer: Any, array: np.ndarray, offset: int = 0) -> None:
         """See `Gpu`."""
-        try:
+        with self.errors("copying to the device failed"):
             self.device.queue.write_buffer(buffer, offset, np.ascontiguousarray(array).reshape(-1).view(np.uint8))
-        except ERRORS as error:
-            raise GpuError(f"{self.adapter.name}: copying to the device failed: {error}") from error
 
     def read(self, buffer: Any, dtype: Any, shape: Sequence[int]) -> np.ndarray:
         """See `Gpu`."""
@@ -78,27 +86,21 @@ class WgpuGpu(Gpu):
         if count == 0:
             return np.zeros(shape, dtype)
         nbytes = -(-count * np.dtype(dtype).itemsize // 4) * 4
-        try:
+        with self.errors("copying from the device failed"):
             data = self.device.queue.read_buffer(buffer, 0, nbytes)
-        except ERRORS as error:
-            raise GpuError(f"{self.adapter.name}: the device was lost: {error}") from error
         return np.frombuffer(data, dtype, count).reshape(shape).copy()
 
     def _compile(self, name: str, source: str) -> Any:
-        try:
+        with self.errors(f"kernel {name} does not compile"):
             module = self.device.create_shader_module(code=source, label=name)
             stage = {"module": module, "entry_point": "main"}
             return self.device.create_compute_pipeline(layout="auto", compute=stage)
-        except ERRORS as error:
-            raise GpuError(f"{self.adapter.name}: kernel {name} does not compile: {error}") from error
 
     def _bind(self, kernel: Kernel, buffers: Mapping[int, Any]) -> Any:
         entries = [{"binding": number, "resource": {"buffer": buffer}} for number, buffer in buffers.items()]
-        layout = kernel.program.get_bind_group_layout(0)
-        try:
+        with self.errors(f"kernel {kernel.name} cannot use its buffers"):
+            layout = kernel.program.get_bind_group_layout(0)
             return self.device.create_bind_group(layout=layout, entries=entries)
-        except ERRORS as error:
-            raise GpuError(f"{self.adapter.name}: kernel {kernel.name} cannot use its buffers: {error}") from error
 
     def record(self) -> WgpuRecording:
         """See `Gpu`."""
@@ -111,7 +113,8 @@ class WgpuRecording(Recording):
     def __init__(self, gpu: WgpuGpu) -> None:
         super().__init__(gpu)
         self._gpu = gpu
-        self._encoder = gpu.device.create_command_encoder()
+        with gpu.errors("no list of dispatches can be made"):
+            self._encoder = gpu.device.create_command_encoder()
         self._pass: Any = None
 
     def run(self, kernel: Kernel, groups: tuple[int, int, int], buffers: Mapping[str, Any]) -> None:
@@ -119,25 +122,25 @@ class WgpuRecording(Recording):
         if 0 in groups:
             return
         bound = self._gpu.bind(kernel, buffers)
-        if self._pass is None:
-            self._pass = self._encoder.begin_compute_pass()
-        self._pass.set_pipeline(kernel.program)
-        self._pass.set_bind_group(0, bound)
-        self._pass.dispatch_workgroups(*groups)
+        with self._gpu.errors(f"kernel {kernel.name} cannot run"):
+            if self._pass is None:
+                self._pass = self._encoder.begin_compute_pass()
+            self._pass.set_pipeline(kernel.program)
+            self._pass.set_bind_group(0, bound)
+            self._pass.dispatch_workgroups(*groups)
 
     def clear(self, buffer: Any, offset: int, nbytes: int) -> None:
         """See `Recording`."""
-        self._end()
-        if nbytes:
-            self._encoder.clear_buffer(buffer, offset, nbytes)
+        with self._gpu.errors("a buffer cannot be cleared"):
+            self._end()
+            if nbytes:
+                self._encoder.clear_buffer(buffer, offset, nbytes)
 
     def submit(self) -> None:
         """See `Recording`."""
-        self._end()
-        try:
+        with self._gpu.errors("the work cannot be started"):
+            self._end()
             self._gpu.device.queue.submit([self._encoder.finish()])
-        except ERRORS as error:
-            raise GpuError(f"{self._gpu.adapter.name}: the device was lost: {error}") from error
 
     def _end(self) -> None:
         if self._pass is not None:

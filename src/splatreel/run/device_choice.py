@@ -5,8 +5,8 @@ from __future__ import annotations
 import importlib.util
 
 from splatreel.base.command_line import install_command
-from splatreel.base.errors import MissingDependencyError, UsageError
-from splatreel.gpu.adapters import adapters, choose_adapter, may_have_gpu, require_adapter
+from splatreel.base.errors import GpuError, MissingDependencyError, UsageError
+from splatreel.gpu.adapters import Adapter, adapters, choose_adapter, may_have_gpu, require_adapter
 from splatreel.gpu.cuda_libraries import cuda_devices
 from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.play.timeline import Draw
@@ -15,13 +15,15 @@ NAMES = ("auto", "cpu", "gpu", "cuda")
 """Values of `--device`."""
 
 
-def pick_gpu(name: str, bytes_of_buffer: int = 0) -> tuple[SharedGpu | None, str]:
-    """Return the GPU that trains, or None for the CPU, and a note for the user: why a GPU of this machine is not used.
+def pick_gpu(name: str, width: int = 320, height: int = 180, points: int = 0) -> tuple[SharedGpu | None, str]:
+    """Return the GPU that trains, or None for the CPU, and a note for the user: how fast both are, or why a GPU cannot be used.
 
     Args:
         name: cpu, cuda (with gsplat), gpu (through wgpu or NVRTC), or auto: CUDA if there is an NVIDIA GPU and gsplat is installed,
-            else another GPU, but no software adapter, else the CPU.
-        bytes_of_buffer: Bytes of the largest buffer that training needs.
+            else the faster one of another GPU, but no software adapter, and the CPU.
+        width: Width of the images, pixels.
+        height: Height of the images, pixels.
+        points: Maximum number of points of the first keyframe.
 
     Raises:
         UsageError: The device does not exist, or it is too small, and `name` is gpu.
@@ -33,7 +35,7 @@ def pick_gpu(name: str, bytes_of_buffer: int = 0) -> tuple[SharedGpu | None, str
         return None, ""
     if name == "cuda":
         _require_cuda("--device cuda", "--device gpu, which needs no compiler")
-    if name == "cuda" or (name == "auto" and _has_gsplat() and _why_no_cuda() is None):
+    if name == "cuda" or (name == "auto" and uses_gsplat()):
         from splatreel.gsplat.device import shared_gpu
 
         return shared_gpu(), ""
@@ -46,25 +48,36 @@ def pick_gpu(name: str, bytes_of_buffer: int = 0) -> tuple[SharedGpu | None, str
             hardware = any(not each.is_software for each in found)
             return None, f"training runs on the CPU: {why}" if hardware else ""
     largest = adapter.limits["max-storage-buffer-binding-size"]
-    if bytes_of_buffer > largest:
-        room = (
-            f"{adapter.name} allows buffers of {largest / 1e6:,.0f} MB, training needs {bytes_of_buffer / 1e6:,.0f} MB"
-        )
+    needed = max(
+        16 * width * height, 4 * 59 * points
+    )  # bytes of the largest buffer, as far as it is known before training
+    if needed > largest:
+        room = f"{adapter.name} allows buffers of {largest / 1e6:,.0f} MB, training needs {needed / 1e6:,.0f} MB"
         if name == "gpu":
             raise UsageError(f"--device gpu: {room}. Use --device cpu, or ask for a smaller --width.")
         return None, f"training runs on the CPU: {room}"
-    return SharedGpu(adapter), ""
+    return (SharedGpu(adapter), "") if name == "gpu" else faster_device(adapter, width * height / 1e6)
 
 
-def largest_buffer(width: int, height: int, points: int) -> int:
-    """Return the bytes of the largest buffer on a GPU, as far as it is known before training.
+def uses_gsplat() -> bool:
+    """Return whether `--device auto` takes CUDA with gsplat."""
+    return _has_gsplat() and _why_no_cuda() is None
 
-    Args:
-        width: Width of the images, pixels.
-        height: Height of the images, pixels.
-        points: Maximum number of points of the first keyframe.
-    """
-    return max(16 * width * height, 4 * 59 * points)
+
+def faster_device(adapter: Adapter, megapixels: float, renew: bool = False) -> tuple[SharedGpu | None, str]:
+    """Return an adapter if it trains faster than the CPU, else None, and a note that says so. Arguments are those of `device_times`."""
+    from splatreel.run.machine_speed import device_times
+
+    try:
+        times = device_times(adapter, megapixels, renew)
+    except GpuError as error:
+        return None, f"training runs on the CPU: {str(error).rstrip('.')}"
+    is_faster = times.gpu < times.cpu
+    where = f"{adapter.name} through {adapter.route}" if is_faster else "the CPU"
+    note = (
+        f"training runs on {where}: an iteration takes {times.gpu:.1f} ms on the GPU and {times.cpu:.1f} ms on the CPU"
+    )
+    return SharedGpu(adapter) if is_faster else None, note
 
 
 def cuda_renderer() -> Draw:

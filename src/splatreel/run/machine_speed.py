@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import functools
+import hashlib
+import json
+import math
 import platform
 import subprocess
 import sys
@@ -10,14 +13,17 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import llvmlite.binding as llvm
 import numpy as np
 
-from splatreel.base import threads
+from splatreel import __version__
+from splatreel.base import threads, user_cache
 from splatreel.base.errors import GpuError
 from splatreel.base.progress import Silent
 from splatreel.config import KeyframeConfig
+from splatreel.gpu.adapters import Adapter
 from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels import binning, deform, photometric, rasterize
 from splatreel.method.cameras.color_gains import CameraGains
@@ -233,6 +239,43 @@ def iteration_ms(gpu: SharedGpu | None, probe: Probe = SMALL, seconds: float = S
         if gpu is not None and gpu.failure is not None:
             raise GpuError(gpu.failure)
     return 1e3 * float(np.median(taken[1:])) / BATCH
+
+
+class DeviceTimes(NamedTuple):
+    """Milliseconds of a training iteration on the CPU, with all threads, and on a GPU."""
+
+    cpu: float
+    gpu: float
+
+
+def device_times(adapter: Adapter, megapixels: float, renew: bool = False) -> DeviceTimes:
+    """Measure how fast the CPU and a GPU train, about five seconds. Results are kept in the user's cache.
+
+    Args:
+        adapter: The GPU.
+        megapixels: Size of the images. Of the two probes, the one whose size is nearer is timed.
+        renew: Measure also if there is a result.
+
+    Raises:
+        GpuError: The GPU fails.
+    """
+    probe = min(SMALL, LARGE, key=lambda each: abs(math.log(each.megapixels / max(megapixels, 1e-6))))
+    machine = f"{__version__} {processor_name()} {threads.count()} {adapter.name} {adapter.route} {probe.width}"
+    name = f"speed/{hashlib.sha256(machine.encode()).hexdigest()[:16]}.json"
+    if not renew and (kept := _read_times(name)) is not None:
+        return kept
+    found = DeviceTimes(iteration_ms(None, probe), iteration_ms(SharedGpu(adapter), probe))
+    user_cache.save(name, json.dumps(found._asdict()).encode())
+    return found
+
+
+def _read_times(name: str) -> DeviceTimes | None:
+    """Return the times that a file of the cache holds; None if it holds none."""
+    try:
+        found = DeviceTimes(**{key: float(value) for key, value in json.loads(user_cache.load(name) or b"").items()})
+    except (ValueError, TypeError, AttributeError):
+        return None
+    return found if all(math.isfinite(value) and value > 0 for value in found) else None
 
 
 def probe_training(gpu: SharedGpu | None, probe: Probe) -> tuple[KeyframeTrainer, TrainingImages]:

@@ -15,7 +15,7 @@ from splatreel.config import Config
 from splatreel.config.settings import with_former_defaults
 from splatreel.method.algorithm import FirstGroup
 from splatreel.method.init.layout import check_region
-from splatreel.run.device_choice import largest_buffer, pick_gpu
+from splatreel.run.device_choice import pick_gpu
 from splatreel.run.groups import reconstruct_groups
 from splatreel.run.jobs import ChapteredRun, ChapterReelWriter, chapter_job, scene_job
 from splatreel.run.output.group_output import ReelOutput, RegionOutput
@@ -85,7 +85,7 @@ def plan_run(capture: Capture, out: Path, config: Config, *, sound: str = "auto"
     check_memory(capture, config)
     config = with_former_defaults(config, recorded_settings(Path(out) / "work"))
     config = config.for_video(capture.frames)
-    gpu, note = pick_gpu(device, largest_buffer(capture.width, capture.height, config.keyframe.max_points))
+    gpu, note = pick_gpu(device, capture.width, capture.height, config.keyframe.max_points)
     return ChapteredRun(capture, Path(out), config, sound, gpu, note)
 
 

@@ -1,6 +1,6 @@
 // CUDA's language on a CPU: each translated kernel is compiled with this header by g++, and its blocks run one after another. Each
-// thread of a block is a fiber, which gives way at barriers. Odd blocks run their fibers backwards, so that a missing barrier changes
-// results. Shared memory starts with NaN, and accesses outside of buffers are errors.
+// thread of a block is a fiber, which gives way at barriers. Blocks take turns in running their fibers in several orders, all of them
+// legal, so that a missing barrier changes results. Shared memory starts with NaN, and accesses outside of buffers are errors.
 #pragma once
 #include <math.h>
 #include <setjmp.h>
@@ -33,6 +33,8 @@ namespace emulator {
 const unsigned MOST_THREADS = 1024;
 const size_t STACK = 256 << 10;
 const size_t MOST_SHARED = 48 << 10;
+// Threads one after another, from the first or the last; one warp runs until it waits for others; a random half of the threads.
+enum Order { FORWARDS, BACKWARDS, WARP_AHEAD, RANDOM, ORDERS };
 
 struct Barrier {
     unsigned arrived, generation, alive;
@@ -92,7 +94,29 @@ static void resume(unsigned thread) {
     makecontext(&fiber.start, run_fiber, 0);
     setcontext(&fiber.start);
 }
-static void run_block(unsigned threads, bool backwards) {
+static void run_all(unsigned threads, bool backwards) {
+    for (unsigned k = 0; k < threads; k++) {
+        const unsigned thread = backwards ? threads - 1 - k : k;
+        if (!fibers[thread].is_done) { resume(thread); }
+    }
+}
+static void run_warp(unsigned warp, unsigned threads) {
+    unsigned before;
+    do {
+        before = steps;
+        for (unsigned k = warp * warpSize; k < threads && k < (warp + 1) * warpSize; k++) {
+            if (!fibers[k].is_done) { resume(k); }
+        }
+    } while (steps != before);
+}
+static void run_some(unsigned threads, unsigned& seed) {
+    for (unsigned k = 0; k < threads; k++) {
+        seed = 1664525 * seed + 1013904223;
+        const unsigned thread = (seed >> 8) % threads;
+        if (!fibers[thread].is_done) { resume(thread); }
+    }
+}
+static void run_block(unsigned threads, Order order, unsigned seed) {
     memset(__start_shared_memory, 0xff, __stop_shared_memory - __start_shared_memory);
     block_barrier = {0, 0, threads};
     for (unsigned k = 0; k < threads; k++) {
@@ -100,12 +124,12 @@ static void run_block(unsigned threads, bool backwards) {
         fibers[k].has_begun = fibers[k].is_done = false;
         if (k % warpSize == 0) { warp_barriers[k / warpSize] = {0, 0, threads - k < 32 ? threads - k : 32}; }
     }
+    const unsigned ahead = seed % ((threads + warpSize - 1) / warpSize);
     while (block_barrier.alive && !fault) {
         steps = 0;
-        for (unsigned k = 0; k < threads; k++) {
-            const unsigned thread = backwards ? threads - 1 - k : k;
-            if (!fibers[thread].is_done) { resume(thread); }
-        }
+        if (order == WARP_AHEAD) { run_warp(ahead, threads); }
+        if (order == RANDOM) { run_some(threads, seed); }
+        if (order != RANDOM || !steps) { run_all(threads, order == BACKWARDS); }
         if (!steps) { fault = "threads wait at different barriers"; }
     }
 }
@@ -137,9 +161,10 @@ template <class... A> struct Launch {
     static void run() { call(typename Count<sizeof...(A)>::type()); }
 };
 
-// Run all blocks. Returns what went wrong, or null.
+// Run all blocks, in one order, or in all orders in turn (ORDERS). Returns what went wrong, or null.
 template <class... A>
-const char* run(void (*kernel)(A...), void** arguments, Dimensions grid, Dimensions block, size_t (*bytes)(const void*)) {
+const char* run(void (*kernel)(A...), void** arguments, Dimensions grid, Dimensions block, size_t (*bytes)(const void*),
+                int order) {
     if (block.x > MOST_THREADS || block.y != 1 || block.z != 1) { return "the block has too many threads"; }
     if (size_t(__stop_shared_memory - __start_shared_memory) > MOST_SHARED) { return "there is too much shared memory"; }
     if (grid.y > 65535 || grid.z > 65535) { return "the grid is too large"; }
@@ -150,12 +175,12 @@ const char* run(void (*kernel)(A...), void** arguments, Dimensions grid, Dimensi
     fault = nullptr;
     blockDim = block;
     gridDim = grid;
-    bool backwards = false;
+    unsigned number = 0;
     for (unsigned z = 0; z < grid.z; z++) {
         for (unsigned y = 0; y < grid.y; y++) {
-            for (unsigned x = 0; x < grid.x && !fault; x++, backwards = !backwards) {
+            for (unsigned x = 0; x < grid.x && !fault; x++, number++) {
                 blockIdx = {x, y, z};
-                run_block(block.x, backwards);
+                run_block(block.x, Order(order == ORDERS ? number % ORDERS : order), number / ORDERS);
             }
         }
     }

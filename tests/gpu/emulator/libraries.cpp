@@ -12,10 +12,11 @@
 struct Dimensions {
     unsigned x, y, z;
 };
-using Launch = const char* (*)(void**, Dimensions, Dimensions, size_t (*)(const void*));
+using Launch = const char* (*)(void**, Dimensions, Dimensions, size_t (*)(const void*), int);
 enum { SUCCESS, INVALID_VALUE = 1, OUT_OF_MEMORY = 2, NOT_FOUND = 500, LAUNCH_FAILED = 719 };
 static std::map<uintptr_t, size_t> buffers;
 static size_t free_bytes = size_t(4) << 30;
+static int order = 4;  // emulator::ORDERS
 static std::string failure;  // as on a GPU, all calls fail after an error of a kernel
 static bool is_lost() { return !failure.empty(); }
 
@@ -31,6 +32,7 @@ extern "C" {
 // for tests
 void emulatorFail(const char* why) { failure = why; }
 void emulatorSetFreeBytes(size_t bytes) { free_bytes = bytes; }
+void emulatorSetOrder(int number) { order = number; }
 int emulatorCountBuffers() { return int(buffers.size()); }
 
 int cuInit(unsigned) { return SUCCESS; }
@@ -97,7 +99,7 @@ int cuLaunchKernel(void* function, unsigned gx, unsigned gy, unsigned gz, unsign
                    void* stream, void** arguments, void** extra) {
     if (is_lost()) { return LAUNCH_FAILED; }
     if (!gx || !gy || !gz || shared || stream || extra) { return INVALID_VALUE; }
-    if (const char* why = Launch(function)(arguments, {gx, gy, gz}, {bx, by, bz}, bytes_at)) { failure = why; }
+    if (const char* why = Launch(function)(arguments, {gx, gy, gz}, {bx, by, bz}, bytes_at, order)) { failure = why; }
     return SUCCESS;  // what goes wrong in a kernel is reported by later calls
 }
 
@@ -116,8 +118,8 @@ int nvrtcCompileProgram(void* handle, int, const char* const*) {
     static int number = 0;
     const std::string folder = getenv("EMULATOR_FOLDER"), file = folder + "/kernel" + std::to_string(number++);
     std::ofstream(file + ".cpp") << "#include \"emulator.h\"\n" << program.source
-        << "extern \"C\" const char* launch_entry(void** arguments, Dimensions grid, Dimensions block, size_t (*bytes)(const void*)) {\n"
-        << "    return emulator::run(wgsl::entry, arguments, grid, block, bytes);\n}\n";
+        << "extern \"C\" const char* launch_entry(void** arguments, Dimensions grid, Dimensions block, size_t (*bytes)(const void*), "
+        << "int order) {\n    return emulator::run(wgsl::entry, arguments, grid, block, bytes, order);\n}\n";
     const std::string options = " -std=c++17 -O1 -fPIC -shared -ffp-contract=off -U_FORTIFY_SOURCE -w -I" EMULATOR_HEADERS " ";
     const int code = system(("g++" + options + file + ".cpp -o " + file + ".so 2> " + file + ".log").c_str());
     std::stringstream log;

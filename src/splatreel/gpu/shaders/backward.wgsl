@@ -25,6 +25,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) lo
         through[p] = 1.0; rest[p] = 0.0; slope[p] = vec4f(0.0);
         if (on[p]) { slope[p] = d_image[y * draw.size.x + x]; rest[p] = dot(slope[p], image[y * draw.size.x + x]); }
     }
+    var turn = 0u;  // half of `shares` that the next sum uses; a splat without gradient uses none
     var base = tile.x;
     for (; base < tile.y; base += BATCH) {
         if (local == 0u) { atomicStore(&open, 0u); }

@@ -12,6 +12,7 @@
 var<workgroup> wanted: atomic<u32>;
 @compute @workgroup_size(GROUP)
 fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) local: u32) {
+    if (tile_offsets[draw.size.z * draw.size.w] > draw.counts.w) { return; }  // pairs that do not fit: `emit` has told the host
     let tile = group.y * draw.size.z + group.x;
     let start = tile_offsets[tile]; let count = tile_offsets[tile + 1u] - start;
     let begin = static_offsets[tile]; let held = static_offsets[tile + 1u] - begin;

@@ -31,7 +31,7 @@ from splatreel.method.algorithm import FirstGroup, NextGroup, Start
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.encode.compression import CompressedGroup, CompressedLayer, group_importance, weigh
 from splatreel.method.init.layout import Layout
-from splatreel.run.device_choice import largest_buffer, pick_gpu
+from splatreel.run.device_choice import pick_gpu
 from splatreel.run.groups import restore_group, run_group
 from splatreel.run.job import Job
 from splatreel.run.live.live_soundtrack import LiveSoundtrack
@@ -307,7 +307,7 @@ class _LiveRun:
         self, follower: Follower, config: Config, live: Live, device: str, progress: Progress, store: Store
     ) -> None:
         size = follower.capture.width, follower.capture.height
-        self.gpu, note = pick_gpu(device, largest_buffer(*size, config.keyframe.max_points))
+        self.gpu, note = pick_gpu(device, *size, config.keyframe.max_points)
         if note:
             progress.note(note)
         self.follower = follower
