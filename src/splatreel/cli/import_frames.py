@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
+from splatreel.base.display import console
 from splatreel.base.errors import UsageError
 from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import AXES, ReelTexts, check_out, new_reel
@@ -112,7 +112,6 @@ def import_frames(
     check_out("--out", out, frames, below=False)
     edit, words = changes.edit(), ReelTexts(title=title).given()
     use_threads(threads)
-    from splatreel.base.display import console
     from splatreel.importing.edits import edited
     from splatreel.importing.frames import open_frames
     from splatreel.play.presentation_writer import PresentationWriter
@@ -120,7 +119,7 @@ def import_frames(
     film, edit = edited(open_frames(frames, gaps, fps, length, memory_limit(max_memory)), edit)
     header, limits = _describe(film, edit, cameras, up, fps, antialiased)
     present = PresentationWriter(words, {"title": _name_as_title(frames)})
-    with closing(console()) as progress:
+    with console() as progress:
         if fit is None:
             (found, existed), reel = _write(film, out, header, limits, rate or "high", progress, present), out
         else:
