@@ -206,11 +206,10 @@ def in_notebook() -> bool:
 class NotebookBars(Display):
     """Progress display for a notebook: one bar per stage, in the output of the cell."""
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self) -> None:
         self._display: Callable[..., Any] = importlib.import_module("IPython.display").display
-        self._clock = clock
         self._drawn = 0.0
-        self._estimate = Estimate(clock)
+        self._estimate = Estimate()
         self._name = ""
         self._numbers = ""
         self._bar: Any = None
@@ -221,13 +220,13 @@ class NotebookBars(Display):
         self._estimate.stage(total, span)
         self._name = name
         self._numbers = ""
-        self._drawn = self._clock()
+        self._drawn = time.monotonic()
         self._bar = self._display(self._bundle(), raw=True, display_id=True)
 
     def update(self, done: int, **numbers: float) -> None:
         """Report finished steps."""
         self._estimate.done, self._numbers = done, format_numbers(numbers)
-        if done >= self._estimate.total or self._clock() - self._drawn >= _PAUSE:
+        if done >= self._estimate.total or time.monotonic() - self._drawn >= _PAUSE:
             self._draw()
 
     def note(self, text: str) -> None:
@@ -240,7 +239,7 @@ class NotebookBars(Display):
             self._draw()
 
     def _draw(self) -> None:
-        self._drawn = self._clock()
+        self._drawn = time.monotonic()
         self._bar.update(self._bundle(), raw=True)
 
     def _bundle(self) -> dict[str, str]:

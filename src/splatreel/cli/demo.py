@@ -132,13 +132,12 @@ class DemoPlayer(PassedOn):
     Args:
         progress: Display of the progress.
         out: Output folder of the demo.
-        port: Port to listen on; 0 takes any free one.
 
     Raises:
         UsageError: This machine lets no server listen.
     """
 
-    def __init__(self, progress: Progress, out: Path, port: int = 0) -> None:
+    def __init__(self, progress: Progress, out: Path) -> None:
         from splatreel.cli.serve import run_report
         from splatreel.play.demo_page import NAME, SAMPLE, DemoPage
         from splatreel.play.served_files import RunFiles, ServedFiles
@@ -149,7 +148,7 @@ class DemoPlayer(PassedOn):
         self._own = RunFiles(out)
         self._page = DemoPage(self._own)
         pages = {NAME: self._page, **run_report(out / "reel", always=True)}
-        self.server = Server(self._own, port=port, pages=pages, reels={"sample": ServedFiles(SAMPLE)})
+        self.server = Server(self._own, pages=pages, reels={"sample": ServedFiles(SAMPLE)})
         self.page = f"{self.server.url}{NAME}"
         self._name = ""
         self._told = self._own.shows
