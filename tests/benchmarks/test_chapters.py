@@ -1,7 +1,8 @@
 """Time of a long video on several machines, by the model of the estimate."""
 
 import pytest
-from benchmarks.chapters import run_time
+
+from chapters import run_time
 
 
 def test_scene_and_finish_limit_the_speedup() -> None:

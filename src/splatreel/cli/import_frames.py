@@ -104,9 +104,7 @@ def import_frames(
         threads: Number of threads; by default one per core.
         max_memory: Megabytes that reading a file may take; by default in proportion to its length.
     """
-    _check_options(fps, length, up)
-    if fit and cameras and up:
-        raise UsageError("--fit takes the up axis from --cameras. Leave out --up.")
+    _check_options(fps, length, up, cameras if fit else None)
     check_out("--out", out, frames, below=False)
     edit, words = changes.edit(), ReelTexts(title=title).given()
     use_threads(threads)
@@ -223,11 +221,11 @@ def _say_changes(film: Frames, edit: Edit, fps: float | None) -> None:
         )
 
 
-def _check_options(fps: float | None, length: int | None, up: str | None) -> None:
-    """Check the ranges of options.
+def _check_options(fps: float | None, length: int | None, up: str | None, fitted: Path | None) -> None:
+    """Check the ranges of options, and that cameras to fit images of are not given another up axis.
 
     Raises:
-        UsageError: A value is out of its range.
+        UsageError: A value is out of its range, or excludes another one.
     """
     if fps is not None and not 0 < fps <= 1000:
         raise UsageError(f"--fps {fps:g}: give frames a second, more than 0 and at most 1000.")
@@ -235,6 +233,8 @@ def _check_options(fps: float | None, length: int | None, up: str | None) -> Non
         raise UsageError(f"--length {length}: give a number of frames, 1 to 1,000,000.")
     if up is not None and up not in AXES:
         raise UsageError(f"--up {up}: choose {', '.join(AXES)}.")
+    if fitted and up:
+        raise UsageError("--fit takes the up axis from --cameras. Leave out --up.")
 
 
 def _parse_crop(text: str | None) -> np.ndarray | None:
