@@ -7,6 +7,7 @@ machine is not idle: of the main thread, and of all. What the main thread has mo
 gain; SERIAL_SCENE and SERIAL_CHAPTER in run/estimate.py are this measurement's.
 """
 
+import math
 import multiprocessing
 import shutil
 import time
@@ -23,7 +24,7 @@ from splatreel.base.process import keep_freed_memory, peak_memory_bytes, quiet_t
 from splatreel.cli.options import parse_frames
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed
-from splatreel.run.estimate import divide, run_time
+from splatreel.run.estimate import SERIAL_SCENE, chapters_time, divide, job_time
 
 MACHINES = {"16 cores": (16, 1), "8 x 16 cores": (16, 8)}
 """Cores of each, and how many."""
@@ -140,6 +141,21 @@ def main(
     }
     print(values)
     record("chapters", values, note)
+
+
+def run_time(scene: float, chapter: float, finish: float, chapters: int, cores: int, machines: int = 1) -> float:
+    """Return the time of a whole run on machines that are divided alike.
+
+    Args:
+        scene: Time of the scene's job on one thread.
+        chapter: Time of a chapter's job on one thread.
+        finish: Time of the last job, which uses one thread.
+        chapters: Number of chapters.
+        cores: Number of cores of each machine.
+        machines: Number of machines.
+    """
+    share = math.ceil(chapters / machines)
+    return job_time(scene, SERIAL_SCENE, cores) + chapters_time(chapter, share, divide(cores, share)) + finish
 
 
 def modelled(scene: Row, chapters: list[Row], finish: Row, frames: int) -> Row:

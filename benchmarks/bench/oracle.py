@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from bench.oracle_report import OracleReport, Score, SingleFrame
+from bench.provenance import check_unseen
 from splatreel.base.errors import UsageError
 from splatreel.base.progress import Progress, Silent
 from splatreel.capture.base import Capture
@@ -25,7 +26,7 @@ from splatreel.capture.reading import median_images, moving_pixels
 from splatreel.codec.group_file import decode_layer, encode_layer
 from splatreel.config import Config
 from splatreel.config.settings import complete_settings
-from splatreel.evaluation.evaluate import ImageComparison, Quality, check_same_capture, check_unseen
+from splatreel.evaluation.evaluate import ImageComparison, Quality, check_same_capture
 from splatreel.evaluation.perceptual import Lpips, load_lpips
 from splatreel.evaluation.report import write_text
 from splatreel.gpu.shared_gpu import SharedGpu

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from bench.provenance import check_unseen
 from splatreel.base.errors import UsageError
 from splatreel.base.progress import Progress, Silent
 from splatreel.base.untrusted import JSON_BYTES, parse_json, read_file
@@ -22,7 +23,6 @@ from splatreel.codec.reader import ReelReader
 from splatreel.config import COARSENESS, EncodeConfig
 from splatreel.evaluation.evaluate import (
     check_same_capture,
-    check_unseen,
     choose_cameras,
     choose_frames,
     read_frames,

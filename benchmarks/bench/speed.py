@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.timing import Timing, medians_ms, ratio
+from bench.timing import Timing, medians_ms, on_one_thread, ratio
 from splatreel.base import threads
 from splatreel.base.errors import UsageError
 from splatreel.base.process import peak_memory_bytes
@@ -26,7 +26,6 @@ from splatreel.method.train.density import MEASURE_EVERY
 from splatreel.method.train.group_trainer import GroupTrainer
 from splatreel.method.train.stages import group_trainer
 from splatreel.run.device_choice import pick_gpu
-from splatreel.run.machine_speed import on_one_thread
 from splatreel.run.pipeline import Result, reconstruct
 from splatreel.run.steps import restored_rig
 from splatreel.run.store import Store

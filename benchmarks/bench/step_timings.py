@@ -6,13 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bench.timing import Timing, medians_ms, ratio
+from bench.timing import Timing, medians_ms, on_one_thread, ratio
 from splatreel.base import threads
 from splatreel.kernels import deform, photometric, rasterize
 from splatreel.kernels.binning import bin_splats
 from splatreel.method.train.render import NO_CHANGE, StaticCache, View
 from splatreel.method.train.trainable_points import to_params
-from splatreel.run.machine_speed import on_one_thread
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 

@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from splatreel.base import threads
+
 Timing = dict[str, float | int | str]
 """Row of a table of timings: what was measured, its size, and the results."""
 
@@ -31,3 +33,9 @@ def medians_ms(works: Sequence[Callable[[], object]], repeats: int) -> list[floa
 def ratio(slow: float, quick: float) -> float:
     """Return slow / quick, rounded to two places."""
     return round(slow / quick, 2)
+
+
+def on_one_thread(work: Callable[[], object]) -> None:
+    """Run a function on one thread."""
+    with threads.limited(1):
+        work()

@@ -8,16 +8,29 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from html import escape
-from typing import Any, TextIO
+from typing import Any, Self, TextIO
 
-from splatreel.base.progress import Estimate, Span, format_numbers, format_seconds, printable
+from splatreel.base.progress import Estimate, Span, format_numbers, format_seconds, join_texts, printable
 
 
-class Lines:
+class Display:
+    """Base of the displays, which a `with` block closes."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the display."""
+
+
+class Lines(Display):
     """Progress display for a log file or a pipe: one line per stage, printed when the stage ends.
 
     A stage that takes longer than `interval` also prints a line every `interval` seconds, since many services end jobs that
-    print nothing. Call `close` at the end.
+    print nothing.
     """
 
     def __init__(
@@ -85,10 +98,8 @@ class Lines:
     def _report(self, state: str) -> None:
         """Print the state of the stage, its last numbers and the time left. The stage itself has no time left when it has ended."""
         self._last = self._clock()
-        left = None if self._ended and self._estimate.span is None else self._estimate.seconds_left()
-        time_text = "" if left is None or left < 0.5 else self._estimate.in_words(left)
-        parts = [f"{self._name}: {state}", format_numbers(self._numbers), time_text]
-        self._print(", ".join(p for p in parts if p))
+        left = "" if self._ended and self._estimate.span is None else self._estimate.left_in_words()
+        self._print(join_texts(f"{self._name}: {state}", format_numbers(self._numbers), left))
 
     def _beat_until_closed(self) -> None:
         while not self._closed.wait(self._interval / 4):
@@ -138,7 +149,7 @@ def _bars(stream: TextIO) -> Any:
     return Bars(*columns, console=Console(file=stream))
 
 
-class Terminal:
+class Terminal(Display):
     """Progress display for a terminal: one live bar per stage. The bar stays on the screen when its stage ends."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
@@ -157,10 +168,8 @@ class Terminal:
     def update(self, done: int, **numbers: float) -> None:
         """Report finished steps."""
         self._estimate.done = done
-        left = self._estimate.seconds_left() if done < self._estimate.total else None
-        time_text = "" if left is None or left < 0.5 else self._estimate.in_words(left)
-        text = ", ".join(p for p in (format_numbers(numbers), time_text) if p)
-        self._bars.update(self._task, completed=done, text=text)
+        left = self._estimate.left_in_words() if done < self._estimate.total else ""
+        self._bars.update(self._task, completed=done, text=join_texts(format_numbers(numbers), left))
 
     def note(self, text: str) -> None:
         """Show one line."""
@@ -194,14 +203,13 @@ def in_notebook() -> bool:
     return getattr(shell, "kernel", None) is not None
 
 
-class NotebookBars:
+class NotebookBars(Display):
     """Progress display for a notebook: one bar per stage, in the output of the cell."""
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self) -> None:
         self._display: Callable[..., Any] = importlib.import_module("IPython.display").display
-        self._clock = clock
         self._drawn = 0.0
-        self._estimate = Estimate(clock)
+        self._estimate = Estimate()
         self._name = ""
         self._numbers = ""
         self._bar: Any = None
@@ -212,13 +220,13 @@ class NotebookBars:
         self._estimate.stage(total, span)
         self._name = name
         self._numbers = ""
-        self._drawn = self._clock()
+        self._drawn = time.monotonic()
         self._bar = self._display(self._bundle(), raw=True, display_id=True)
 
     def update(self, done: int, **numbers: float) -> None:
         """Report finished steps."""
         self._estimate.done, self._numbers = done, format_numbers(numbers)
-        if done >= self._estimate.total or self._clock() - self._drawn >= _PAUSE:
+        if done >= self._estimate.total or time.monotonic() - self._drawn >= _PAUSE:
             self._draw()
 
     def note(self, text: str) -> None:
@@ -231,18 +239,16 @@ class NotebookBars:
             self._draw()
 
     def _draw(self) -> None:
-        self._drawn = self._clock()
+        self._drawn = time.monotonic()
         self._bar.update(self._bundle(), raw=True)
 
     def _bundle(self) -> dict[str, str]:
         """Return the bar as HTML and as text, by MIME type."""
         estimate = self._estimate
-        seconds, left = format_seconds(estimate.stage_seconds), estimate.seconds_left()
-        finished = estimate.done >= estimate.total
-        parts = [f"done in {seconds}" if finished else f"{100 * estimate.share:.0f} %", self._numbers]
-        if not finished and left is not None and left >= 0.5:
-            parts.append(estimate.in_words(left))
-        text = ", ".join(part for part in parts if part)
+        if estimate.done >= estimate.total:
+            text = join_texts(f"done in {format_seconds(estimate.stage_seconds)}", self._numbers)
+        else:
+            text = join_texts(f"{100 * estimate.share:.0f} %", self._numbers, estimate.left_in_words())
         bar = f'<progress max="1" value="{estimate.share:.3f}"></progress>'
         html = f"<div>{escape(printable(self._name))} {bar} {escape(text)}</div>"
         return {"text/html": html, "text/plain": f"{printable(self._name)}: {text}"}

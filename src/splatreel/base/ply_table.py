@@ -13,7 +13,7 @@ import numpy as np
 
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget, points_memory
-from splatreel.base.untrusted import open_regular
+from splatreel.base.untrusted import naming_damage, open_regular
 
 _MAX_HEADER = 1 << 17
 _TYPES = {
@@ -58,19 +58,14 @@ def read_elements(path: str | Path, wanted: tuple[str, ...], budget: MemoryBudge
         GaussiansError: The file is not a PLY file, is damaged, takes too much memory, or a wanted element holds lists.
     """
     path = Path(path)
-    try:
-        with open_regular(path, GaussiansError) as file:
-            head = file.read(_MAX_HEADER)
-            order, elements, start = _parse_header(head, path)
-            found = {element.name for element in elements}
-            last = max((i for i, element in enumerate(elements) if element.name in wanted), default=-1)
-            if not found & set(wanted):
-                return {}
-            _check_memory([element for element in elements if element.name in wanted], file, path, budget)
-            file.seek(start)
-            body = file.read()
-    except OSError as error:
-        raise GaussiansError(f"{path}: cannot be read ({error.strerror}).") from error
+    with naming_damage(str(path), GaussiansError), open_regular(path, GaussiansError) as file:
+        order, elements, start = _parse_header(file.read(_MAX_HEADER), path)
+        last = max((i for i, element in enumerate(elements) if element.name in wanted), default=-1)
+        if last < 0:
+            return {}
+        _check_memory([element for element in elements if element.name in wanted], file, path, budget)
+        file.seek(start)
+        body = file.read()
     split = _split_lines if order == "ascii" else _split_bytes
     return split(body, elements[: last + 1], wanted, _ORDERS[order], path)
 
@@ -81,11 +76,8 @@ def read_comments(path: Path) -> list[str]:
     Raises:
         GaussiansError: The file cannot be read.
     """
-    try:
-        with open_regular(path, GaussiansError) as file:
-            head = file.read(_MAX_HEADER)
-    except OSError as error:
-        raise GaussiansError(f"{path}: cannot be read ({error.strerror}).") from error
+    with naming_damage(str(path), GaussiansError), open_regular(path, GaussiansError) as file:
+        head = file.read(_MAX_HEADER)
     end = re.search(rb"[\r\n]end_header", head)
     lines = head[: end.start() if end else 0].decode("latin-1").splitlines()
     return [line[len("comment") :].strip() for line in lines if re.match(r"comment\s", line)]

@@ -185,8 +185,11 @@ class Estimate:
         """Finished share of the stage, 0..1."""
         return min(self.done / self.total, 1.0) if self.total > 0 else 0.0
 
-    def in_words(self, left: float) -> str:
-        """Describe the seconds left. "in all" marks an estimate for the whole job."""
+    def left_in_words(self) -> str:
+        """Describe the seconds left, empty if they are unknown or few. "in all" marks an estimate for the whole job."""
+        left = self.seconds_left()
+        if left is None or left < 0.5:
+            return ""
         return f"about {format_seconds(left)} left{'' if self.span is None else ' in all'}"
 
     def seconds_left(self) -> float | None:
@@ -197,6 +200,11 @@ class Estimate:
             enough = done >= ENOUGH_SHARE * (1 - self._first) or (done > 0 and seconds >= ENOUGH_SECONDS)
             return seconds * (1 - now) / done if enough else None
         return self.stage_seconds * (1 - self.share) / self.share if self.share > 0 else None
+
+
+def join_texts(*texts: str) -> str:
+    """Join the texts that are not empty by commas."""
+    return ", ".join(filter(None, texts))
 
 
 def format_seconds(seconds: float) -> str:

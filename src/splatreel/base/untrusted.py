@@ -14,6 +14,7 @@ import os
 import pickle
 import re
 import stat
+import struct
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator
@@ -30,7 +31,7 @@ from splatreel.base.memory_budget import allowed_memory, in_megabytes
 
 _DAMAGE = (
     *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, OSError, EOFError, NotImplementedError, RuntimeError),
-    *(ValueError, TypeError, KeyError, IndexError),
+    *(ValueError, TypeError, KeyError, IndexError, struct.error),
 )
 """Errors of `zipfile` for damaged members, by their compression, and of code that reads damaged values."""
 _BLOCK, _SMALL_BLOCK = 1 << 20, 4096
@@ -91,7 +92,6 @@ JSON_DEPTH = 64
 """Maximum nesting of lists and objects, and of XML elements."""
 _STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.S)
 """String of a JSON text. It never backtracks, which would take a hundred bytes of memory for each escape."""
-_BLOCK = 1 << 20
 _ARCHIVE = b"PK\3\4"
 _HEADER = 10_000
 """Maximum size of a NumPy array header in bytes."""
@@ -109,14 +109,11 @@ def read_file(path: Path, most: int, kind: Kind) -> bytes:
         SplatreelError: Of the given kind, for a pipe, a device or a folder, for more than `most` bytes, or if reading
             fails.
     """
-    try:
-        with open_regular(path, kind) as file:
-            size = os.fstat(file.fileno()).st_size
-            data = file.read(size + 1) if size <= most else b""
-            while size < len(data) <= most and (more := file.read(min(_BLOCK, most + 1 - len(data)))):
-                data += more  # the file grew, or states no size
-    except OSError as error:
-        raise kind(f"{path}: cannot be read ({error.strerror}).") from error
+    with naming_damage(str(path), kind), open_regular(path, kind) as file:
+        size = os.fstat(file.fileno()).st_size
+        data = file.read(size + 1) if size <= most else b""
+        while size < len(data) <= most and (more := file.read(min(_BLOCK, most + 1 - len(data)))):
+            data += more  # the file grew, or states no size
     if size > most or len(data) > most:
         raise kind(f"{path}: has {max(size, len(data)):,} bytes, more than the {most:,} that it may have.")
     return data
@@ -215,11 +212,8 @@ class _BoundedTree(ElementTree.TreeBuilder):
 
 def read_array(path: Path, kind: Kind) -> np.ndarray:
     """Return the numeric array in a .npy file. Raises as `read_arrays` does."""
-    try:
-        with open_regular(path, kind) as file:
-            return _array(file, os.fstat(file.fileno()).st_size, f"{path}:", kind)
-    except OSError as error:
-        raise kind(f"{path}: cannot be read ({error.strerror}).") from error
+    with naming_damage(str(path), kind), open_regular(path, kind) as file:
+        return _array(file, os.fstat(file.fileno()).st_size, f"{path}:", kind)
 
 
 def read_arrays(path: Path, names: Iterable[str], kind: Kind, most: int | None = None) -> dict[str, np.ndarray]:

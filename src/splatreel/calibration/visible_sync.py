@@ -135,25 +135,22 @@ def align_drifting(
         later: Lag of the whole activities, seconds.
         least: Minimum change of the lag, in seconds.
     """
-    times, lags = _part_lags(one, other, later)
-    line = significant_drift(times, lags, ON_LINE, PART / 2, least)
-    refined = None if line is None else _refine(one, other, line.drift)
-    return refined if refined is not None and refined[1].certain else None
+    return _refine(one, other, significant_drift(*_part_lags(one, other, later), ON_LINE, PART / 2, least))
 
 
 def search_parts(one: np.ndarray, other: np.ndarray) -> tuple[Lag, VisibleAgreement] | None:
     """Return the lag of two activities by where parts of the first one are in the second one, or None if few parts agree."""
-    line = fit_lag(*_part_lags(one, other, None), ON_LINE, PART / 2, SEARCHED)
-    refined = None if line is None else _refine(one, other, line.drift)
-    return refined if refined is not None and refined[1].certain else None
+    return _refine(one, other, fit_lag(*_part_lags(one, other, None), ON_LINE, PART / 2, SEARCHED))
 
 
-def _refine(one: np.ndarray, other: np.ndarray, drift: float) -> tuple[Lag, VisibleAgreement]:
-    """Return the lag of two activities with a drift: the second one is resampled, and compared again."""
-    count = other.shape[1]
-    places = np.arange(round(count / (1 - drift))) * (1 - drift)
+def _refine(one: np.ndarray, other: np.ndarray, line: Lag | None) -> tuple[Lag, VisibleAgreement] | None:
+    """Return the lag of two activities with a drift: the second one is resampled, and compared again. None if it is uncertain."""
+    if line is None:
+        return None
+    count, rate = other.shape[1], 1 - line.drift
+    places = np.arange(round(count / rate)) * rate
     found = compare_activity(one, np.stack([np.interp(places, np.arange(count), row) for row in other]))
-    return Lag((1 - drift) * found.later, drift), found
+    return (Lag(rate * found.later, line.drift), found) if found.certain else None
 
 
 def _part_lags(one: np.ndarray, other: np.ndarray, later: float | None) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ from tyro.conf import Positional, arg
 
 from splatreel.base import threads
 from splatreel.base.command_line import install_command, option, quoted
+from splatreel.base.display import console
 from splatreel.base.errors import ReconstructionError, UsageError
 from splatreel.cli.options import (
     CaptureAddress,
@@ -64,7 +65,6 @@ def capture_check(
     """
     if page is not None:
         check_out("--page", page)
-    from splatreel.base.display import console
     from splatreel.capture.capture_sound import choose
     from splatreel.capture.opening import open_capture
 
@@ -74,16 +74,12 @@ def capture_check(
         "leave_out": parse_left_out(leave_out),
     }
     source = open_capture(capture, width=width, **chosen)
-    progress = console()
-    try:
+    with closing(source), console() as progress:
         names = [camera.name for camera in source.cameras]
         images = _read_all(source, names, progress)
         seconds = source.frames / source.fps
         sound = choose("auto", source.tracks(), seconds, source.first_frame / source.fps, source.path)
         masked = None if masks is None else _masks_of(source, masks, images, progress)
-    finally:
-        progress.close()
-        source.close()
     held_out = ", ".join(source.held_out) or "none"
     points = "no sparse points" if source.points is None else f"{len(source.points):,} sparse points"
     say(f"{capture}: a capture in the layout of {source.layout}; every frame can be read")
@@ -233,10 +229,9 @@ def _cover(
     source: Capture, cameras: list[Camera], images: np.ndarray, alpha: np.ndarray | None, quick: bool
 ) -> Coverage:
     """Measure how cameras cover the scene, or a subject. Arguments: as `_judge`, images [C, H, W, 3] uint8."""
-    from splatreel.base.display import console
     from splatreel.method.prediction.quality import cover
 
-    with closing(console()) as progress:
+    with console() as progress:
         known = {"points": source.points, "point_colors": source.point_colors, "near": source.near}
         return cover(cameras, images, **known, with_trial=not quick, progress=progress, alpha=alpha)
 
@@ -290,12 +285,11 @@ def capture_calibrate(
             )
         _calibrate_by_board(capture, board, board_videos, leave_out, record)
         return
-    from splatreel.base.display import console
     from splatreel.calibration.calibrate import calibrate
     from splatreel.calibration.learned_matches import find_matcher
 
     matcher, scale = find_matcher(), distance if scale_board is None else parse_board(scale_board)
-    with closing(console()) as progress:
+    with console() as progress:
         found = calibrate(capture, progress, also, parse_left_out(leave_out), matcher, scale, same_lens, record)
     agreed = f", placed alike at {found.moments} moments" if found.moments > 1 else ""
     say(f"{capture / MODEL}: {len(found.placed)} cameras{agreed}; points are off by {found.error:.2f} pixels")
@@ -310,12 +304,11 @@ def _calibrate_by_board(
     capture: Path, spec: str, videos: Path | None, leave_out: str | None, record: dict[str, Any]
 ) -> None:
     """Calibrate by the sightings of a board, and report the result."""
-    from splatreel.base.display import console
     from splatreel.calibration.board import parse_board
     from splatreel.calibration.board_calibration import calibrate_by_board
     from splatreel.calibration.calibration_files import MODEL
 
-    with closing(console()) as progress:
+    with console() as progress:
         found = calibrate_by_board(capture, parse_board(spec), progress, videos, parse_left_out(leave_out), record)
     off = max(found.errors[name] for name in found.placed)
     say(f"{capture / MODEL}: {len(found.placed)} cameras, up to {found.extent:.3g} m apart")
@@ -360,11 +353,10 @@ def capture_sync(capture: CaptureFolder, /, leave_out: str | None = None, dry_ru
         leave_out: Names of cameras that are not read at all, as NAME,NAME.
         dry_run: Print what is found, and write nothing.
     """
-    from splatreel.base.display import console
     from splatreel.calibration.sync import synchronize
     from splatreel.capture.readers.colmap import unread_videos
 
-    with closing(console()) as progress:
+    with console() as progress:
         found = synchronize(capture, progress, parse_left_out(leave_out), dry_run)
     file = capture / "splatreel.json"
     say(f"{file}: second of each video at which all videos have started")
@@ -400,14 +392,13 @@ def capture_convert(
         frames: Frames A to B - 1, as A:B; by default all.
         format: File format of the images. PNG keeps every pixel.
     """
-    from splatreel.base.display import console
     from splatreel.base.new_folder import is_taken
     from splatreel.capture.conversion import convert_capture
     from splatreel.capture.opening import open_capture
 
     check_out("OUT", out, capture)
     source, existed = open_capture(capture, width=width, frames=parse_frames(frames)), is_taken(out)
-    with closing(source), closing(console()) as progress:
+    with closing(source), console() as progress:
         names = convert_capture(source, out, format, progress)
     if existed:
         say(already_complete(out))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from splatreel.base.command_line import quoted
+from splatreel.base.display import console
 from splatreel.base.errors import UsageError
 from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import CaptureAddress, check_out, parse_frames, parse_left_out
@@ -70,7 +71,6 @@ def make_masks(source: CaptureSource, folder: Path, clean_plate: Path | None, wi
         clean_plate: Folder of images without the subject.
         width: Largest width of the masks, pixels.
     """
-    from splatreel.base.display import console
     from splatreel.capture.file_capture import FileCapture
     from splatreel.method.layering.sam2 import find_sam2
     from splatreel.segmentation.mask_writer import write_masks
@@ -83,7 +83,7 @@ def make_masks(source: CaptureSource, folder: Path, clean_plate: Path | None, wi
         whole.close()
         capture = replace(source, request=source.request | {"width": width, "scale": None})()
     assert isinstance(capture, FileCapture)  # as all readers return it
-    with closing(capture), closing(console()) as progress:
+    with closing(capture), console() as progress:
         done = write_masks(capture, folder, progress, clean_plate, find_sam2(), find_people())
     shares = ", ".join(f"{name} {share:.1%}" for name, share in done.shares.items())
     say(

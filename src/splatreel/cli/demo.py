@@ -10,8 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splatreel.base.display import console
 from splatreel.base.errors import UsageError
-from splatreel.base.progress import Estimate, PassedOn, Progress, Span
+from splatreel.base.progress import Estimate, PassedOn, Progress, Span, join_texts
 from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import Set, check_effect, check_out, parse_set, with_set
 from splatreel.cli.printing import say, serving
@@ -62,15 +63,11 @@ def demo(
     check_out("--out", out)
     config = with_renditions(with_set(demo_config(quality, seed), settings), ())
     check_effect(config, {name: f"--set {name}" for name in parse_set(settings)})
-    from splatreel.base.display import console
 
-    progress = console()
-    with demo_player(progress, out, serve) as player:
-        try:
+    with demo_player(progress := console(), out, serve) as player:
+        with progress:
             request = {"width": width, "frames": None if frames is None else (0, frames)}
             result, report = reconstruct_demo(out, config, device, request, player or progress)
-        finally:
-            progress.close()
         say(report.to_markdown())
         say(f"Report: {out / 'report.json'}\nImages beside the cameras' own: {out / 'pictures'}\nReel: {result.reel}")
         if player is None or not sys.stdout.isatty():
@@ -135,13 +132,12 @@ class DemoPlayer(PassedOn):
     Args:
         progress: Display of the progress.
         out: Output folder of the demo.
-        port: Port to listen on; 0 takes any free one.
 
     Raises:
         UsageError: This machine lets no server listen.
     """
 
-    def __init__(self, progress: Progress, out: Path, port: int = 0) -> None:
+    def __init__(self, progress: Progress, out: Path) -> None:
         from splatreel.cli.serve import run_report
         from splatreel.play.demo_page import NAME, SAMPLE, DemoPage
         from splatreel.play.served_files import RunFiles, ServedFiles
@@ -152,7 +148,7 @@ class DemoPlayer(PassedOn):
         self._own = RunFiles(out)
         self._page = DemoPage(self._own)
         pages = {NAME: self._page, **run_report(out / "reel", always=True)}
-        self.server = Server(self._own, port=port, pages=pages, reels={"sample": ServedFiles(SAMPLE)})
+        self.server = Server(self._own, pages=pages, reels={"sample": ServedFiles(SAMPLE)})
         self.page = f"{self.server.url}{NAME}"
         self._name = ""
         self._told = self._own.shows
@@ -167,9 +163,8 @@ class DemoPlayer(PassedOn):
     def update(self, done: int, **numbers: float) -> None:
         """Report finished steps."""
         self._estimate.done = done
-        left = self._estimate.seconds_left()
-        time_text = "" if left is None or left < 0.5 else f", {self._estimate.in_words(left)}"
-        self._page.report(f"{self._name}: {100 * self._estimate.share:.0f} %{time_text}")
+        share, left = f"{100 * self._estimate.share:.0f} %", self._estimate.left_in_words()
+        self._page.report(f"{self._name}: {join_texts(share, left)}")
         super().update(done, **numbers)
         if not self._told and self._own.shows:
             self._told = True

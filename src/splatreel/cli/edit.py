@@ -7,6 +7,7 @@ from typing import Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
+from splatreel.base.display import console
 from splatreel.base.errors import UsageError
 from splatreel.cli.options import ReelAddress, ReelTexts, check_out, reel_folder
 from splatreel.cli.printing import already_complete, playable, say
@@ -75,7 +76,6 @@ def _edit_texts(reel: str | Path, given: dict[str, str]) -> None:
 
 
 def _edit_points(reel: str | Path, operations: list[str], out: Path, given: dict[str, str]) -> None:
-    from splatreel.base.display import console
     from splatreel.base.new_folder import is_taken
     from splatreel.edit.clip_writer import write_clip
     from splatreel.edit.operations import apply_operations, with_texts
@@ -84,12 +84,9 @@ def _edit_points(reel: str | Path, operations: list[str], out: Path, given: dict
     source = ReelClip(reel)
     clip = with_texts(apply_operations(source, operations), given)
     existed = is_taken(out)
-    progress = console()
-    try:
+    with console() as progress:
         progress.stage("writing the groups", len(clip.outline.groups))
         written = write_clip(clip, out, progress.update)
-    finally:
-        progress.close()
     if existed:
         say(already_complete(out))
     old, new = source.outline, clip.outline

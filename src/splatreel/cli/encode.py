@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from splatreel.base.display import console
 from splatreel.base.errors import UsageError
 from splatreel.cli.info import describe
 from splatreel.cli.options import RunFolder, Set, check_effect, check_out, new_reel, parse_renditions, parse_set
@@ -47,7 +48,6 @@ def encode(
             as float32. The web player plays ofs only.
         settings: Any setting of encode that `splatreel config` lists, such as encode.h265.fold=false; may be repeated.
     """
-    from splatreel.base.display import console
     from splatreel.codec.inspection import reel_info
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.run.output.reencode import reencode
@@ -75,20 +75,16 @@ def encode(
         raise UsageError(
             "--rate and --target-mbps have no effect with --set encode.coarseness. Leave out one of the two."
         )
-    progress = console()
-    try:
-        with new_reel(out) as made:
-            reencode(
-                run / "work",
-                made.path,
-                config,
-                # The search for a rate writes reels that are not final.
-                progress if target_mbps is not None else made.checked(progress, "layers", "groups"),
-                target_mbps,
-                PresentationWriter(_texts_of(run)),
-            )
-    finally:
-        progress.close()
+    with console() as progress, new_reel(out) as made:
+        reencode(
+            run / "work",
+            made.path,
+            config,
+            # The search for a rate writes reels that are not final.
+            progress if target_mbps is not None else made.checked(progress, "layers", "groups"),
+            target_mbps,
+            PresentationWriter(_texts_of(run)),
+        )
     if made.existing is not None:
         say(already_complete(out))
     say(describe(str(out), reel_info(out)))

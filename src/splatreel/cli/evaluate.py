@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Any
 
 from tyro.conf import arg
 
+from splatreel.base.display import console
 from splatreel.base.errors import UsageError
 from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import (
@@ -65,7 +67,6 @@ def evaluate(
         raise UsageError(f"--lpips-every {lpips_every} is out of range. Choose 0 or more.")
     use_threads(threads)
     span, names, most = parse_frames(frames), parse_names(cameras, "--cameras"), megabytes(max_memory)
-    from splatreel.base.display import console
     from splatreel.codec.reader import ReelReader
     from splatreel.evaluation.evaluate import evaluate as compare
     from splatreel.evaluation.evaluate import uncompressed_frames
@@ -78,8 +79,7 @@ def evaluate(
     source, chosen = open_reel_capture(place, capture, width=width, scale=scale, frames=span, **options)
     work = work_of(place, ReelReader(place).manifest)
     known = Store(work).coverage() if work else None
-    progress = console()
-    try:
+    with closing(source), console() as progress:
         report = compare(
             place,
             source,
@@ -93,7 +93,4 @@ def evaluate(
             coverage=known.sentences() if known else (),
             lpips_every=lpips_every,
         )
-    finally:
-        progress.close()
-        source.close()
     say(report.to_json() if json else report.to_markdown(), end="" if not json else "\n")

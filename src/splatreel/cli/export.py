@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import OmitArgPrefixes, arg
 
 from splatreel.base.atomic import sweep
+from splatreel.base.display import console
 from splatreel.base.errors import UsageError
 from splatreel.base.new_folder import created
 from splatreel.cli.options import AXES, ReelAddress, check_out, megabytes, parse_frames, reel_folder
@@ -284,7 +285,6 @@ def _write_page(reel: str, out: Path, rendition: str | None) -> None:
 
 
 def _write_film(source: Timeline, times: list[float], out: Path, width: int | None, path: Path | None) -> None:
-    from splatreel.base.display import console
     from splatreel.play.film import film_along_path, film_through_cameras, read_path, write_film
 
     start = source.manifest.camera
@@ -298,10 +298,7 @@ def _write_film(source: Timeline, times: list[float], out: Path, width: int | No
         shots = film_through_cameras(start, source.manifest.cameras, len(times), source.fps, first)
     else:
         shots = film_along_path(read_path(path), start, source.fps)
-    progress = console()
-    try:
+    with console() as progress:
         progress.stage("drawing the film", len(shots))
         write_film(out, source, shots, progress.update)
-    finally:
-        progress.close()
     say(f"{out}: {len(shots)} frames, {start.width} x {start.height}")

@@ -137,17 +137,21 @@ def _lighter(arguments: Sequence[str], gpu: bool) -> str:
     return f"Ask for {', '.join(ways[:-1])}{' or ' if ways[1:] else ''}{ways[-1]}."
 
 
-def _interrupt(error: BaseException | None) -> KeyboardInterrupt | None:
-    """Return the interruption that caused an error: native code and imports turn interruptions into errors of their own."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    """Yield an error, and what caused it."""
+    while error is not None:
+        yield error
         error = error.__cause__ or error.__context__
-    return error
 
 
-def _system_limit(error: BaseException | None) -> str | None:
+def _interrupt(error: BaseException) -> KeyboardInterrupt | None:
+    """Return the interruption that caused an error: native code and imports turn interruptions into errors of their own."""
+    return next((cause for cause in _causes(error) if isinstance(cause, KeyboardInterrupt)), None)
+
+
+def _system_limit(error: BaseException) -> str | None:
     """Return the limit of the system that caused an error, with a remedy; None for other errors."""
-    found: BaseException | None = error
-    while found is not None:
+    for found in _causes(error):
         if isinstance(found, OSError) and found.errno in (errno.EMFILE, errno.ENFILE):
             where = f"{found.filename}: cannot be opened, as " if found.filename else ""
             return f"{where}this process cannot open more files. Raise the limit (ulimit -n 1024)"
@@ -155,7 +159,6 @@ def _system_limit(error: BaseException | None) -> str | None:
             if (limit := address_space_limit()) is not None:
                 return _ADDRESSES.format(limit / 1e6)
             return "the system starts no more threads. Raise the limit of processes (ulimit -u)"
-        found = found.__cause__ or found.__context__
     return None
 
 
@@ -173,15 +176,14 @@ def _damaged_cache(error: BaseException) -> str | None:
     return folder
 
 
-def _full_disk(error: BaseException | None) -> BaseException | None:
+def _full_disk(error: BaseException) -> BaseException | None:
     """Return the error of a full disk that caused an error, also where a library turned it into its own."""
-    while error is not None:
-        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
-        signs = ("No space left on device", "os error 28")
-        own = isinstance(error, Exception) and not isinstance(error, SplatreelError)
-        if full or _is_too_large(error) or (own and any(sign in str(error) for sign in signs)):
-            return error
-        error = error.__cause__ or error.__context__
+    signs = ("No space left on device", "os error 28")
+    for cause in _causes(error):
+        full = isinstance(cause, OSError) and cause.errno in (errno.ENOSPC, errno.EDQUOT)
+        own = isinstance(cause, Exception) and not isinstance(cause, SplatreelError)
+        if full or _is_too_large(cause) or (own and any(sign in str(cause) for sign in signs)):
+            return cause
     return None
 
 

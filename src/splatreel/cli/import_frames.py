@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
+from splatreel.base.display import console
 from splatreel.base.errors import UsageError
 from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import AXES, ReelTexts, check_out, new_reel
@@ -21,13 +21,11 @@ from splatreel.config import COARSENESS, EncodeConfig, Quality, Rate
 if TYPE_CHECKING:
     import numpy as np
 
-    from splatreel.base.progress import Progress
     from splatreel.codec.header import ReelHeader
     from splatreel.codec.presentation import Limits
     from splatreel.importing.comparison import Comparison
     from splatreel.importing.edits import Edit
     from splatreel.importing.frames import Frames
-    from splatreel.run.output.group_writer import PresentationHook
 
 
 LONELY = 2
@@ -106,26 +104,33 @@ def import_frames(
         threads: Number of threads; by default one per core.
         max_memory: Megabytes that reading a file may take; by default in proportion to its length.
     """
-    _check_options(fps, length, up)
-    if fit and cameras and up:
-        raise UsageError("--fit takes the up axis from --cameras. Leave out --up.")
+    _check_options(fps, length, up, cameras if fit else None)
     check_out("--out", out, frames, below=False)
     edit, words = changes.edit(), ReelTexts(title=title).given()
     use_threads(threads)
-    from splatreel.base.display import console
-    from splatreel.importing.edits import edited
+    from splatreel.codec.writer import ReelWriter
+    from splatreel.importing.edits import edited, first_points
     from splatreel.importing.frames import open_frames
+    from splatreel.importing.reel import write_reel
+    from splatreel.importing.viewpoints import dome
     from splatreel.play.presentation_writer import PresentationWriter
 
     film, edit = edited(open_frames(frames, gaps, fps, length, memory_limit(max_memory)), edit)
     header, limits = _describe(film, edit, cameras, up, fps, antialiased)
     present = PresentationWriter(words, {"title": _name_as_title(frames)})
-    with closing(console()) as progress:
+    existed = False
+    with console() as progress:
         if fit is None:
-            (found, existed), reel = _write(film, out, header, limits, rate or "high", progress, present), out
+            with new_reel(out) as made:
+                writer = ReelWriter(made.path, header, config=EncodeConfig(coarseness=COARSENESS[rate or "high"]))
+                found = write_reel(film, writer, made.checked(progress, "layers", "groups"), limits, present)
+            reel, existed = out, made.existing is not None
         else:
-            found, reel = _fit(film, out, header, cameras is None, fit, rate or "medium", progress, present)
-            existed = False
+            from splatreel.importing.fit import fit_config, fit_reel
+
+            seen_by = dome(first_points(film), header.up) if cameras is None else list(header.cameras)
+            config = fit_config(fit, rate or "medium")
+            reel, found = fit_reel(film, seen_by, header, out, config, progress, present)
     if existed:
         say(already_complete(out))
     _say_result(film, found, reel)
@@ -164,46 +169,6 @@ def _describe(
     whose = f"the cameras of {cameras}" if cameras else "the cameras"
     check_seen(film, list(header.cameras), header.near, header.antialias, whose)
     return header, limits
-
-
-def _write(
-    film: Frames,
-    out: Path,
-    header: ReelHeader,
-    limits: Limits | None,
-    rate: Rate,
-    progress: Progress,
-    present: PresentationHook,
-) -> tuple[Comparison, bool]:
-    """Write the points of a sequence to a new reel. Return the comparison, and whether the reel was complete already."""
-    from splatreel.codec.writer import ReelWriter
-    from splatreel.importing.reel import write_reel
-
-    with new_reel(out) as made:
-        writer = ReelWriter(made.path, header, config=EncodeConfig(coarseness=COARSENESS[rate]))
-        checked = made.checked(progress, "layers", "groups")
-        found = write_reel(film, writer, checked, limits, present)
-    return found, made.existing is not None
-
-
-def _fit(
-    film: Frames,
-    out: Path,
-    header: ReelHeader,
-    everywhere: bool,
-    quality: Quality,
-    rate: Rate,
-    progress: Progress,
-    present: PresentationHook,
-) -> tuple[Comparison, Path]:
-    """Fit moving points to images of a sequence, seen by its cameras, or from everywhere. Return the comparison and the reel."""
-    from splatreel.importing.edits import first_points
-    from splatreel.importing.fit import fit_config, fit_reel
-    from splatreel.importing.viewpoints import dome
-
-    cameras = dome(first_points(film), header.up) if everywhere else list(header.cameras)
-    reel, found = fit_reel(film, cameras, header, out, fit_config(quality, rate), progress, present)
-    return found, reel
 
 
 def _say_result(film: Frames, found: Comparison, reel: Path) -> None:
@@ -256,11 +221,11 @@ def _say_changes(film: Frames, edit: Edit, fps: float | None) -> None:
         )
 
 
-def _check_options(fps: float | None, length: int | None, up: str | None) -> None:
-    """Check the ranges of options.
+def _check_options(fps: float | None, length: int | None, up: str | None, fitted: Path | None) -> None:
+    """Check the ranges of options, and that cameras to fit images of are not given another up axis.
 
     Raises:
-        UsageError: A value is out of its range.
+        UsageError: A value is out of its range, or excludes another one.
     """
     if fps is not None and not 0 < fps <= 1000:
         raise UsageError(f"--fps {fps:g}: give frames a second, more than 0 and at most 1000.")
@@ -268,6 +233,8 @@ def _check_options(fps: float | None, length: int | None, up: str | None) -> Non
         raise UsageError(f"--length {length}: give a number of frames, 1 to 1,000,000.")
     if up is not None and up not in AXES:
         raise UsageError(f"--up {up}: choose {', '.join(AXES)}.")
+    if fitted and up:
+        raise UsageError("--fit takes the up axis from --cameras. Leave out --up.")
 
 
 def _parse_crop(text: str | None) -> np.ndarray | None:

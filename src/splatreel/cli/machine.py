@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from splatreel.base.display import console
 from splatreel.base.threads import use as use_threads
 from splatreel.cli.printing import counted, say
 
@@ -57,12 +58,8 @@ def warmup(threads: int | None = None) -> None:
     """
     use_threads(threads)
     from splatreel.base import threads as limit
-    from splatreel.base.display import console
     from splatreel.kernels.warmup import compile_kernels
 
-    progress = console()
-    try:
+    with console() as progress:
         compiled = compile_kernels(progress, limit.count())
-    finally:
-        progress.close()
     say(f"{counted(compiled, 'kernel')} compiled." if compiled else "All kernels were compiled before.")

@@ -20,6 +20,7 @@ from splatreel.storage.address import is_url, local_path
 
 if TYPE_CHECKING:
     from splatreel.base.progress import Progress
+    from splatreel.capture.base import Capture
     from splatreel.run.estimate import Estimate
     from splatreel.run.jobs import ChapteredRun
     from splatreel.run.machines.ray_cluster import ClusterOptions
@@ -233,22 +234,20 @@ def estimated_on_cluster(spec: RunSpec, address: str, options: ClusterOptions) -
         )
 
 
+def _described(capture: Capture) -> str:
+    frames, cameras = counted(capture.frames, "frame"), counted(len(capture.training_cameras), "camera")
+    return f"{capture.path}: {frames} of {cameras}, {capture.width}x{capture.height}"
+
+
 def _heading(run: ChapteredRun, chapters: int) -> str:
-    capture = run.capture
-    return (
-        f"{capture.path}: {counted(capture.frames, 'frame')} of {counted(len(capture.training_cameras), 'camera')}, "
-        f"{capture.width}x{capture.height}, {counted(chapters, 'chapter')}. If nothing else runs:"
-    )
+    return f"{_described(run.capture)}, {counted(chapters, 'chapter')}. If nothing else runs:"
 
 
 def _time(run: ChapteredRun, found: Estimate) -> str:
-    capture, division = run.capture, found.division
+    division, spent = found.division, format_rounded(found.total)
     threads = counted(division.threads, "thread")
     work = threads if division.workers == 1 else f"{division.workers} chapters at a time, {threads} each"
-    return (
-        f"{capture.path}: {counted(capture.frames, 'frame')} of {counted(len(capture.training_cameras), 'camera')}, "
-        f"{capture.width}x{capture.height}, take about {format_rounded(found.total)} from the beginning ({work}), if nothing else runs:"
-    )
+    return f"{_described(run.capture)}, take about {spent} from the beginning ({work}), if nothing else runs:"
 
 
 def _stages(found: Estimate) -> list[str]:

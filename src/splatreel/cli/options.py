@@ -100,19 +100,16 @@ def check_arguments(arguments: Sequence[str]) -> None:
     """
     before = ""
     for argument in arguments:
-        name, _, value = argument.partition("=")
+        name, equals, value = argument.partition("=")
         if "\0" in argument:
             raise UsageError("An argument holds a NUL character, which no file name can hold. Leave it out.")
         if argument.startswith("-") and not argument.startswith("--"):
             _check_no_name(argument, before)
-        if not argument and before not in TEXT_OPTIONS:
-            what = before if before.startswith("--") else "An argument"
+        option, text = (name, value) if name.startswith("--") and equals else (before, argument)
+        if not text and option not in TEXT_OPTIONS:
+            what = option if option.startswith("--") else "An argument"
             raise UsageError(
                 f"{what} is empty. Write a name, or . for the current folder; is a variable of the shell not set?"
-            )
-        if name.startswith("--") and "=" in argument and not value and name not in TEXT_OPTIONS:
-            raise UsageError(
-                f"{name} is empty. Write a name, or . for the current folder; is a variable of the shell not set?"
             )
         before = argument
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from splatreel.base.command_line import quoted
+from splatreel.base.display import console
 from splatreel.base.errors import ReelError, UsageError
 from splatreel.cli.options import ReelFolder, reel_folder
 from splatreel.cli.printing import counted, say
@@ -33,16 +34,12 @@ def publish(reel: ReelFolder, url: Annotated[Positional[str], arg(metavar="URL")
         url: Destination, such as s3://BUCKET/REEL or gs://BUCKET/REEL (needs splatreel[cloud]), or a folder.
         keep: Hours that files stay there after the reel does not need them any more. Viewers that have the reel open may ask for them.
     """
-    from splatreel.base.display import console
     from splatreel.codec.publish import HOUR, Publication
 
     folder, hours = reel_folder(reel), checked_hours(keep, "--keep")
     address = open_target(folder, url)
-    progress = console()
-    try:
+    with console() as progress:
         published = Publication(folder, address.with_retries(progress.note), hours * HOUR).update(progress)
-    finally:
-        progress.close()
     if published is None:
         raise ReelError(
             f"{reel}: is not a reel, it has no manifest.json. Give the folder that reconstruct or encode wrote."

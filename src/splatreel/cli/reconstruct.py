@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, arg
 
+from splatreel.base.display import console
 from splatreel.base.errors import UsageError
 from splatreel.base.threads import use as use_threads
 from splatreel.cli.capture_masks import AUTO, is_complete, make_masks
@@ -242,7 +243,6 @@ def reconstruct(
     if following.follow and (subject.masks is not None or config.region):
         raise UsageError("--masks and --region are for captures that are complete. Leave them out, or --follow.")
     machines.check(out, follow=following.follow, estimate=estimate)
-    from splatreel.base.display import console
 
     frames_and_size.check()
     if not estimate:
@@ -258,21 +258,18 @@ def reconstruct(
         spec = RunSpec(source, folder, config, sound, device)
         if estimate:
             return say(machines.estimated(spec))
-        progress, presents = console(), PresentationWriter(texts.given())
-        try:
-            url = machines.published(out, publication.publish)
-            with (
-                background_warmup(progress),
-                publishing(folder / "reel", url, publication.publish_keep, progress, presents) as present,
-            ):
-                report = ReportWriter(folder, present, progress)
-                if following.follow:
-                    done = following.reconstruct(source, spec, progress, report)
-                else:
-                    done = machines.reconstruct(spec, out, progress, report)
-                report.finish()
-        finally:
-            progress.close()
+        presents, url = PresentationWriter(texts.given()), machines.published(out, publication.publish)
+        with (
+            console() as progress,
+            background_warmup(progress),
+            publishing(folder / "reel", url, publication.publish_keep, progress, presents) as present,
+        ):
+            report = ReportWriter(folder, present, progress)
+            if following.follow:
+                done = following.reconstruct(source, spec, progress, report)
+            else:
+                done = machines.reconstruct(spec, out, progress, report)
+            report.finish()
     return say(done)
 
 

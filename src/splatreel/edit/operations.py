@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -93,14 +94,9 @@ class _Lit(ChangedClip):
         return replace(found, group=replace(found.group, light=light * self._gain))
 
 
-def _gain_of_exposure(stops: float) -> np.ndarray:
-    """Return the gain [3] of an exposure longer by a number of stops."""
-    return np.full(3, 2 ** (stops / _GAMMA))
-
-
-def _gain_of_white(color: np.ndarray) -> np.ndarray:
-    """Return the gain [3] that makes a color [3], 0..1, gray without a change of its mean brightness."""
-    return color.mean() / color
+def _with_header(clip: Clip, **changes: Any) -> Clip:
+    """Return a clip with other values in its header."""
+    return ChangedClip(clip, replace(clip.outline, header=replace(clip.outline.header, **changes)))
 
 
 FORMAT = "splatreel-edit"
@@ -170,8 +166,7 @@ def read_edit_list(file: Path) -> list[str]:
 
 
 def _cut(clip: Clip, value: str) -> Clip:
-    first, end = parse_range("cut", value, clip.outline)
-    return Cut(clip, first, end)
+    return Cut(clip, *parse_range("cut", value, clip.outline))
 
 
 def _join(clip: Clip, value: str) -> Clip:
@@ -183,8 +178,7 @@ def _join(clip: Clip, value: str) -> Clip:
 
 
 def _fps(clip: Clip, value: str) -> Clip:
-    fps = parse_number("fps", value, 1e-3, 1000)
-    return Retimed(clip, fps)
+    return Retimed(clip, parse_number("fps", value, 1e-3, 1000))
 
 
 def _crop(clip: Clip, value: str) -> Clip:
@@ -195,8 +189,7 @@ def _crop(clip: Clip, value: str) -> Clip:
         inner = np.stack([np.maximum(box[0], bounds[0]), np.minimum(box[1], bounds[1])])
         bounds = inner if (inner[0] < inner[1]).all() else box
     source = header.source and replace(header.source, part=header.source.part or "crop")
-    outline = replace(clip.outline, header=replace(header, bounds=bounds, source=source))
-    return ChangedClip(Selected(clip, InVolume(volume)), outline)
+    return _with_header(Selected(clip, InVolume(volume)), bounds=bounds, source=source)
 
 
 def _remove(clip: Clip, value: str) -> Clip:
@@ -260,9 +253,7 @@ def _move(clip: Clip, value: str) -> Clip:
 def _floor(clip: Clip, value: str) -> Clip:
     up, origin = clip.outline.header.up, clip.outline.header.origin
     moved = Moved(clip, Similarity(shift=-floor_height(clip) * up))
-    return ChangedClip(
-        moved, replace(moved.outline, header=replace(moved.outline.header, origin=origin - (origin @ up) * up))
-    )
+    return _with_header(moved, origin=origin - (origin @ up) * up)
 
 
 def _ground(clip: Clip, value: str) -> Clip:
@@ -272,7 +263,7 @@ def _ground(clip: Clip, value: str) -> Clip:
 
 
 def _exposure(clip: Clip, value: str) -> Clip:
-    return _Lit(clip, _gain_of_exposure(parse_number("exposure", value, -8, 8)))
+    return _Lit(clip, np.full(3, 2 ** (parse_number("exposure", value, -8, 8) / _GAMMA)))
 
 
 def _gain(clip: Clip, value: str) -> Clip:
@@ -286,17 +277,13 @@ def _white(clip: Clip, value: str) -> Clip:
     color = _parse_color("white", value)
     if color.min() < 0.02:
         raise fail("white", value, "Give a color that is not so dark")
-    return _Lit(clip, _gain_of_white(color))
+    return _Lit(clip, color.mean() / color)  # gray of the same mean brightness
 
 
 def _background(clip: Clip, value: str) -> Clip:
-    header = clip.outline.header
     if value == "transparent":
-        return ChangedClip(clip, replace(clip.outline, header=replace(header, transparent=True)))
-    red, green, blue = _parse_color("background", value).tolist()
-    return ChangedClip(
-        clip, replace(clip.outline, header=replace(header, transparent=False, background=(red, green, blue)))
-    )
+        return _with_header(clip, transparent=True)
+    return _with_header(clip, transparent=False, background=tuple(_parse_color("background", value).tolist()))
 
 
 def _sound(clip: Clip, value: str) -> Clip:

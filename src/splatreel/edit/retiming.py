@@ -52,8 +52,7 @@ class Cut(ChangedClip):
 
     def change_group(self, index: int, found: ClipGroup) -> ClipGroup:
         """Return the frames of a group that the part has."""
-        numbers = {layer: number for number, layer in enumerate(self._layers)}
-        found = replace(found, alive={numbers[layer]: flags for layer, flags in found.alive.items()})
+        found = _renumbered(found, self._layers)
         span = self._clip.outline.groups[self._begin + index]
         begin, stop = (frame - span.first_frame for frame in self._ranges[index])
         return found if (begin, stop) == (0, span.frames) else _at_frames(found, np.arange(begin, stop))
@@ -160,11 +159,15 @@ class Retimed(ChangedClip):
     def change_group(self, index: int, found: ClipGroup) -> ClipGroup:
         """Return a group at the times of the new frames."""
         span = self.outline.groups[index]
-        numbers = {layer: number for number, layer in enumerate(self._layers)}
-        found = replace(found, alive={numbers[layer]: f for layer, f in found.alive.items() if layer in numbers})
+        found = _renumbered(found, self._layers)
         old = self._source.groups[self._chosen[index]]
         times = np.arange(span.first_frame, span.end) / self._ratio - old.first_frame
         return _at_times(found, np.clip(times, 0, old.frames - 1))
+
+
+def _renumbered(found: ClipGroup, layers: list[int]) -> ClipGroup:
+    """Return a group of a clip that has only some layers of its source, by their indices there."""
+    return replace(found, alive={number: found.alive[i] for number, i in enumerate(layers) if i in found.alive})
 
 
 def _at_frames(found: ClipGroup, frames: np.ndarray) -> ClipGroup:

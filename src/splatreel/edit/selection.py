@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
@@ -29,13 +30,26 @@ class Selection(Protocol):
         ...
 
 
-class Selected(ChangedClip):
+class _Masked(ChangedClip):
+    """Clip in which a mask of each layer, [S] bool, tells what happens to its points. A layer's mask is computed once."""
+
+    def __init__(self, clip: Clip, compute: Callable[[int, ClipLayer], np.ndarray]) -> None:
+        super().__init__(clip)
+        self._compute = compute
+        self._masks: dict[int, np.ndarray] = {}
+
+    def _mask(self, index: int, layer: ClipLayer | None = None) -> np.ndarray:
+        if index not in self._masks:
+            self._masks[index] = self._compute(index, self._clip.layer(index) if layer is None else layer)
+        return self._masks[index]
+
+
+class Selected(_Masked):
     """Clip with the points that a selection keeps. A dynamic point that is kept at some frames is transparent at the others."""
 
     def __init__(self, clip: Clip, selection: Selection) -> None:
-        super().__init__(clip)
+        super().__init__(clip, lambda index, layer: selection.static(clip, index, layer))
         self._selection = selection
-        self._kept: dict[int, np.ndarray] = {}
 
     def change_layer(self, index: int, layer: ClipLayer) -> ClipLayer:
         """Return the kept points of a layer."""
@@ -45,12 +59,6 @@ class Selected(ChangedClip):
         """Return a group with the kept points."""
         alive = {layer: flags[self._mask(layer)] for layer, flags in found.alive.items()}
         return replace(_keep_at(found, self._selection.moving(self._clip, index, found)), alive=alive)
-
-    def _mask(self, index: int, layer: ClipLayer | None = None) -> np.ndarray:
-        if index not in self._kept:
-            layer = self._clip.layer(index) if layer is None else layer
-            self._kept[index] = self._selection.static(self._clip, index, layer)
-        return self._kept[index]
 
 
 def _keep_at(found: ClipGroup, kept: np.ndarray) -> ClipGroup:
@@ -131,7 +139,7 @@ class LastingEnough:
         return (seen[0] | seen[-1] | (seen.sum(0) >= frames))[None]
 
 
-class Erased(ChangedClip):
+class Erased(_Masked):
     """Clip without the points that are in a volume during some frames.
 
     Dynamic points are removed from each group in which they are in the volume at one of these frames, static points from
@@ -144,14 +152,13 @@ class Erased(ChangedClip):
     """
 
     def __init__(self, clip: Clip, volume: Volume, frames: tuple[int, int]) -> None:
-        super().__init__(clip)
+        super().__init__(clip, lambda _, layer: volume.contains(layer.points.means))
         self._volume = volume
         self._frames = frames
-        self._inside: dict[int, np.ndarray] = {}
 
     def change_layer(self, index: int, layer: ClipLayer) -> ClipLayer:
         """Return a layer unchanged, and remember which of its points are in the volume."""
-        self._contained(index, layer)
+        self._mask(index, layer)
         return layer
 
     def change_group(self, index: int, found: ClipGroup) -> ClipGroup:
@@ -160,15 +167,9 @@ class Erased(ChangedClip):
         begin, end = (min(max(frame - span.first_frame, 0), span.frames) for frame in self._frames)
         if begin >= end:
             return found
-        alive = {layer: flags & ~self._contained(layer) for layer, flags in found.alive.items()}
+        alive = {layer: flags & ~self._mask(layer) for layer, flags in found.alive.items()}
         inside = np.asarray(self._volume.contains(found.group.dynamic.means + found.group.dx[begin:end]).any(0))
         return replace(found[~inside], alive=alive)
-
-    def _contained(self, index: int, layer: ClipLayer | None = None) -> np.ndarray:
-        if index not in self._inside:
-            layer = self._clip.layer(index) if layer is None else layer
-            self._inside[index] = self._volume.contains(layer.points.means)
-        return self._inside[index]
 
 
 SIDE = 256

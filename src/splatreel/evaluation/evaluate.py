@@ -441,16 +441,6 @@ def check_same_capture(manifest: Manifest, capture: Capture, reel: str) -> None:
         )
 
 
-def check_unseen(manifest: Manifest, views: Sequence[Camera], reel: str) -> None:
-    """Raise `UsageError` if the reel was trained on one of the views."""
-    seen = sorted({camera.name for camera in manifest.cameras} & {view.name for view in views})
-    if seen:
-        raise UsageError(
-            f"{reel}: was trained on {', '.join(seen)}, so they are not held out. Reconstruct without them, "
-            "--hold-out NAME,NAME, or hold out what the reel has not seen."
-        )
-
-
 class UncompressedReel:
     """Checkpoints in the shape of a reel reader, to measure the cost of compression."""
 

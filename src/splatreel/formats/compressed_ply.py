@@ -18,6 +18,7 @@ from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import GaussiansError
 from splatreel.base.ply_table import Columns
 from splatreel.formats.ply import mode_comments
+from splatreel.formats.splat_columns import logit
 from splatreel.scene.gaussians import C0, Gaussians
 from splatreel.scene.morton import neighbor_order
 
@@ -100,11 +101,18 @@ def smallest_three(quats: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return place, np.clip(others / np.sqrt(2) + 0.5, 0, 1)
 
 
+def from_smallest_three(place: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return quaternions [N, 4] by the place [N] of their largest number, which is positive, and the other three [N, 3]."""
+    quats = np.empty((len(place), 4))
+    quats[np.arange(4) != place[:, None]] = others.ravel()
+    quats[np.arange(len(place)), place] = np.sqrt(np.maximum(1 - (others**2).sum(1), 0))
+    return quats
+
+
 CHUNK = 256
 _PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 _SH_RANGE = 8.0
 """Width of the range of view-dependent color, whose middle is 0."""
-_SMALL = np.sqrt(2.0)
 
 
 def is_packed(columns: Columns) -> bool:
@@ -145,9 +153,7 @@ def unpack_columns(elements: dict[str, Columns], source: str) -> Columns:
         color = _unpack_share(words["packed_color"], 24 - 8 * i, 8)
         ranged = f"min_{name}" in chunks and f"max_{name}" in chunks
         found[f"f_dc_{i}"] = ((between(color, f"min_{name}", f"max_{name}") if ranged else color) - 0.5) / C0
-    with np.errstate(divide="ignore"):
-        opacity = _unpack_share(words["packed_color"], 0, 8)
-        found["opacity"] = np.log(opacity) - np.log1p(-opacity)
+    found["opacity"] = logit(_unpack_share(words["packed_color"], 0, 8))
     return found | {name: _harmonic(column) for name, column in harmonics.items()}
 
 
@@ -159,13 +165,8 @@ def _unpack_share(words: np.ndarray, shift: int, bits: int) -> np.ndarray:
 
 def _unpack_rotations(words: np.ndarray) -> Columns:
     """Return the columns of quaternions of which the three smaller numbers and the place of the largest are stored."""
-    small = np.stack([(_unpack_share(words, shift, 10) - 0.5) * _SMALL for shift in (20, 10, 0)], 1)
-    largest = np.sqrt(np.maximum(1 - (small**2).sum(1), 0))
-    place = (words >> np.uint64(30)).astype(np.int64) & 3
-    quats = np.empty((len(words), 4))
-    for part in range(4):
-        before = np.clip(part - (place < part), 0, 2)
-        quats[:, part] = np.where(place == part, largest, small[np.arange(len(words)), before])
+    small = np.stack([(_unpack_share(words, shift, 10) - 0.5) * np.sqrt(2) for shift in (20, 10, 0)], 1)
+    quats = from_smallest_three((words >> np.uint64(30)).astype(np.int64) & 3, small)
     return {f"rot_{i}": quats[:, i] for i in range(4)}
 
 

@@ -22,7 +22,7 @@ from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget, points_memory
 from splatreel.base.untrusted import read_file
 from splatreel.formats.registry import Film
-from splatreel.formats.splat_columns import Remarks, check_plausible, drop_nan
+from splatreel.formats.splat_columns import Remarks, check_plausible, drop_nan, import_for_splats
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians, turned
 
@@ -123,12 +123,7 @@ def write_fourdgs(path: Path, film: Film, fps: float) -> None:
         GaussiansError: The package fourdgs is missing.
         StorageError: The file cannot be written.
     """
-    try:
-        import fourdgs  # pyright: ignore[reportMissingImports] - optional
-    except ImportError as error:
-        raise GaussiansError(
-            f"{path}: needs the package fourdgs to be written. Run\n  {install_command('splats')}"
-        ) from error
+    fourdgs = import_for_splats("fourdgs", f"{path}: writing it")
     turn = film.placement.turn
     points, begin, end = _windows(turned(points, turn) for points in film)
     packed = io.BytesIO()

@@ -18,7 +18,8 @@ import numpy as np
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget, points_memory
 from splatreel.base.ply_table import Columns
-from splatreel.base.untrusted import read_file
+from splatreel.base.untrusted import naming_damage, read_file
+from splatreel.formats.splat_columns import concatenate_columns, logit, name_columns
 from splatreel.scene.gaussians import C0
 
 MOST_BYTES, MOST_SECTIONS = 1 << 34, 1 << 16
@@ -53,7 +54,7 @@ def read_ksplat(path: Path, budget: MemoryBudget = UNRAISED) -> Columns:
         GaussiansError: The file is damaged, of another version, or takes too much memory.
     """
     data = read_file(path, MOST_BYTES, GaussiansError)
-    try:
+    with naming_damage(str(path), GaussiansError, "a damaged .ksplat file", "Export it again."):
         header = _parse_header(data)
         points, degree = _claimed_points(data, header)
         needed = len(data) + points_memory(points, _COMPONENTS[degree])
@@ -62,13 +63,7 @@ def read_ksplat(path: Path, budget: MemoryBudget = UNRAISED) -> Columns:
         for section in range(header.sections):
             columns, start = _read_section(data, _HEADER + _SECTION * section, start, header)
             parts.append(columns)
-    except (ValueError, IndexError, struct.error) as error:
-        raise GaussiansError(f"{path}: is a damaged .ksplat file ({error!s:.80}). Export it again.") from error
-    names = max(parts, key=len, default={})
-    return {
-        name: np.concatenate([part.get(name, np.zeros(len(part["x"]))) for part in parts]).astype(np.float64)
-        for name in names
-    }
+    return concatenate_columns(parts)
 
 
 def _parse_header(data: bytes) -> _Header:
@@ -121,21 +116,15 @@ def _read_section(data: bytes, at: int, start: int, header: _Header) -> tuple[Co
 
 
 def _columns(table: np.ndarray, means: np.ndarray, degree: int, header: _Header) -> Columns:
-    alpha = table["color"][:, 3] / 255
-    with np.errstate(divide="ignore"):
-        opacity = np.log(alpha) - np.log1p(-alpha)
     scales = np.log(np.maximum(table["scales"].astype(np.float64), 1e-30))
     rest = table["rest"].astype(np.float64)
     if header.level == 2:
         rest = header.lowest + rest / 255 * (header.highest - header.lowest)
-    found = dict(zip("xyz", means.T, strict=True)) | {"opacity": opacity}
-    found |= {f"scale_{i}": scales[:, i] for i in range(3)}
-    found |= {f"f_dc_{i}": (table["color"][:, i] / 255 - 0.5) / C0 for i in range(3)}
-    found |= {f"rot_{i}": table["turn"][:, i].astype(np.float64) for i in range(4)}
-    bands = sum(_BANDS[:degree])
-    first = 0  # a band has its red components, then green, then blue
-    for band in _BANDS[:degree]:
-        for i in range(3 * band):
-            found[f"f_rest_{bands * (i // band) + first + i % band}"] = rest[:, 3 * first + i]
+    first, harmonics = 0, [np.zeros((len(table), 0, 3))]
+    for band in _BANDS[:degree]:  # it has its red components, then green, then blue
+        part = rest[:, 3 * first : 3 * (first + band)].reshape(len(table), 3, band)
+        harmonics.append(part.transpose(0, 2, 1))
         first += band
-    return found
+    base, turns = (table["color"][:, :3] / 255 - 0.5) / C0, table["turn"].astype(np.float64)
+    opacity = logit(table["color"][:, 3] / 255)
+    return name_columns(means, scales, turns, base, opacity, np.concatenate(harmonics, 1))

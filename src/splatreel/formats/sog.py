@@ -26,8 +26,9 @@ from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget, allowed_memory, points_memory
 from splatreel.base.ply_table import Columns
 from splatreel.base.untrusted import check_regular, naming_damage, numbers, parse_json, read_file, read_member
-from splatreel.formats.compressed_ply import smallest_three
+from splatreel.formats.compressed_ply import from_smallest_three, smallest_three
 from splatreel.formats.splat import to_bytes
+from splatreel.formats.splat_columns import logit, name_columns
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.morton import neighbor_order
 
@@ -274,20 +275,11 @@ class _Sog:
         place = quats[:, 3].astype(np.int64) - 252
         if (place < 0).any():
             raise ValueError("a rotation without its largest number")
-        turns = np.empty((self._count, 4))
-        for part in range(4):
-            before = np.clip(part - (place < part), 0, 2)
-            rest = np.sqrt(np.maximum(1 - (small**2).sum(1), 0))
-            turns[:, part] = np.where(place == part, rest, small[np.arange(self._count), before])
         color = self._image("sh0", 0)
-        with np.errstate(divide="ignore"):
-            opacity = np.log(color[:, 3] / 255) - np.log1p(-(color[:, 3] / 255))
         scales = self._codebook("scales")[self._image("scales", 0)[:, :3]]
         base = self._codebook("sh0")[color[:, :3]]
-        found = dict(zip("xyz", self._means().T, strict=True)) | {"opacity": opacity}
-        found |= {f"rot_{i}": turns[:, i] for i in range(4)}
-        found |= {f"scale_{i}": scales[:, i] for i in range(3)} | {f"f_dc_{i}": base[:, i] for i in range(3)}
-        return found | (self._rest() if "shN" in self._meta else {})
+        rest, opacity = self._rest() if "shN" in self._meta else None, logit(color[:, 3] / 255)
+        return name_columns(self._means(), scales, from_smallest_three(place, small), base, opacity, rest)
 
     def _means(self) -> np.ndarray:
         """Return positions [N, 3], stored as 16 bits of their signed logarithms."""
@@ -296,8 +288,8 @@ class _Sog:
         values = low + (high - low) * share
         return np.sign(values) * np.expm1(np.minimum(np.abs(values), 80))
 
-    def _rest(self) -> Columns:
-        """Return the columns of view-dependent color, by each point's centroid."""
+    def _rest(self) -> np.ndarray:
+        """Return the coefficients of view-dependent color [N, bands, 3], by each point's centroid."""
         entry = self._meta["shN"]
         bands = _BANDS[entry["bands"]]
         pixels = self._decode(entry["files"][0])
@@ -305,8 +297,7 @@ class _Sog:
             raise ValueError(f"centroids {pixels.shape[1]} pixels wide")
         labels = self._image("shN", 1)[:, :2].astype(np.int64) @ [1, 256]
         palette = pixels[..., :3].reshape(-1, bands, 3)
-        values = self._codebook("shN")[palette[labels]]
-        return {f"f_rest_{bands * channel + i}": values[:, i, channel] for channel in range(3) for i in range(bands)}
+        return self._codebook("shN")[palette[labels]]
 
     def _codebook(self, name: str) -> np.ndarray:
         return numbers(self._meta[name]["codebook"], 256)

@@ -18,6 +18,7 @@ from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import MemoryBudget, points_memory
 from splatreel.base.ply_table import Columns
 from splatreel.base.untrusted import read_file
+from splatreel.formats.splat_columns import name_columns
 from splatreel.scene.gaussians import C0, Gaussians
 
 MOST_BYTES = 1 << 34
@@ -56,7 +57,5 @@ def read_splat(path: Path, budget: MemoryBudget) -> Columns:
     table = np.frombuffer(data, _POINT)
     base = (table["color"][:, :3] / 255 - 0.5) / C0
     quats = (table["turn"].astype(np.float64) - 128) / 128
-    found = {name: table["means"][:, i] for i, name in enumerate("xyz")} | {"opacity": table["color"][:, 3]}
     scales = np.log(np.maximum(table["scales"], np.finfo(np.float32).tiny))
-    found |= {f"scale_{i}": scales[:, i] for i in range(3)} | {f"f_dc_{i}": base[:, i] for i in range(3)}
-    return found | {f"rot_{i}": quats[:, i] for i in range(4)}
+    return name_columns(table["means"], scales, quats, base, table["color"][:, 3])

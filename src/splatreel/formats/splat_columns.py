@@ -2,17 +2,76 @@
 
 from __future__ import annotations
 
+import importlib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from splatreel.base.command_line import install_command
 from splatreel.base.errors import GaussiansError
 from splatreel.base.ply_table import Columns
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians
+
+
+def name_columns(
+    means: np.ndarray,
+    scales: np.ndarray,
+    quats: np.ndarray,
+    base: np.ndarray,
+    opacity: np.ndarray,
+    rest: np.ndarray | None = None,
+) -> Columns:
+    """Return columns with the names that they have in a 3DGS PLY file.
+
+    Args:
+        means: Positions, [N, 3].
+        scales: Logarithms of scales, [N, 3].
+        quats: Rotations, wxyz, [N, 4].
+        base: First coefficients of color, [N, 3].
+        opacity: Logits, or bytes, [N].
+        rest: Coefficients of view-dependent color, [N, bands, 3].
+    """
+    found = dict(zip("xyz", means.T, strict=True)) | {"opacity": opacity}
+    for name, values in (("scale", scales), ("f_dc", base), ("rot", quats)):
+        found |= {f"{name}_{i}": column for i, column in enumerate(values.T)}
+    if rest is not None:
+        bands = rest.shape[1]
+        found |= {f"f_rest_{bands * c + i}": rest[:, i, c] for c in range(3) for i in range(bands)}
+    return found
+
+
+def concatenate_columns(parts: Sequence[Columns]) -> Columns:
+    """Return the points of all parts. Parts with less view-dependent color than others get zeros."""
+    names = max(parts, key=len, default={})
+    return {name: np.concatenate([part.get(name, np.zeros(len(part["x"]))) for part in parts]) for name in names}
+
+
+def logit(shares: np.ndarray) -> np.ndarray:
+    """Return the logits of opacities 0..1, infinite at both ends."""
+    with np.errstate(divide="ignore"):
+        return np.log(shares) - np.log1p(-shares)
+
+
+def import_for_splats(module: str, subject: str) -> Any:
+    """Import an optional package that a format needs.
+
+    Args:
+        module: Name of the package.
+        subject: File that needs the package, and what for.
+
+    Raises:
+        GaussiansError: The package is not installed. The message has the command that installs it.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        command = install_command("splats")
+        raise GaussiansError(f"{subject} needs the package {error.name or module}. Run\n  {command}") from error
 
 
 class Remarks:

@@ -23,12 +23,13 @@ from typing import Literal
 import numpy as np
 
 from splatreel.base.atomic import write_bytes
-from splatreel.base.command_line import install_command
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget, points_memory
 from splatreel.base.ply_table import Columns
-from splatreel.base.untrusted import open_regular, read_file
+from splatreel.base.untrusted import naming_damage, open_regular, read_file
+from splatreel.formats.compressed_ply import from_smallest_three
 from splatreel.formats.splat import to_bytes
+from splatreel.formats.splat_columns import import_for_splats, logit, name_columns
 from splatreel.scene.gaussians import Gaussians
 
 MAGIC = 0x5053474E
@@ -86,12 +87,7 @@ def _one_stream(header: bytes, parts: list[bytes]) -> bytes:
 
 def _streams(path: Path, header: bytes, parts: list[bytes]) -> bytes:
     """Return a file of version 4."""
-    try:
-        import zstandard  # pyright: ignore[reportMissingImports] - optional
-    except ImportError as error:
-        raise GaussiansError(
-            f"{path}: SPZ version 4 needs a package. Run\n  {install_command('splats')}\nor write version 3."
-        ) from error
+    zstandard = import_for_splats("zstandard", f"{path}: SPZ version 4, unlike 3,")
     parts = [part for part in parts if part]
     packed = [zstandard.ZstdCompressor(_LEVEL).compress(part) for part in parts]
     table = struct.pack(
@@ -143,6 +139,7 @@ _BANDS = (0, 3, 8, 15, 24)
 _ANTIALIASED = 1
 _GZIP, _START = b"\x1f\x8b", 1 << 12
 """First bytes of a gzip stream, and bytes of a file that hold the header."""
+_DAMAGED = "a damaged SPZ file", "Export it again."
 
 
 @dataclass(frozen=True)
@@ -166,26 +163,19 @@ def read_spz(path: Path, budget: MemoryBudget = UNRAISED) -> Columns:
         GaussiansError: The file is damaged, of another version, or takes too much memory.
     """
     data = read_file(path, MOST_BYTES, GaussiansError)
-    try:
+    with naming_damage(str(path), GaussiansError, *_DAMAGED):
         header = _first_header(data)
         coefficients = 3 * _BANDS[header.degree]
         needed = sum(header.sizes()) + points_memory(header.count, coefficients)
         budget.check(needed, len(data), str(path), f"{header.count:,} points of degree {header.degree}")
         parts = _unpack_gzip(data, header) if data[:2] == _GZIP else _unpack_zstd(data, header, path)
-    except (ValueError, struct.error, zlib.error, EOFError) as error:
-        raise GaussiansError(f"{path}: is a damaged SPZ file ({error!s:.80}). Export it again.") from error
     return _columns(header, [np.frombuffer(part, np.uint8) for part in parts])
 
 
 def is_spz_antialiased(path: Path) -> bool:
     """Return whether the points are marked as trained with antialiasing. Raises as `read_spz` does."""
-    try:
-        with open_regular(path, GaussiansError) as file:
-            return bool(_first_header(file.read(_START)).flags & _ANTIALIASED)
-    except OSError as error:
-        raise GaussiansError(f"{path}: cannot be read ({error.strerror}).") from error
-    except (ValueError, struct.error, zlib.error) as error:
-        raise GaussiansError(f"{path}: is a damaged SPZ file ({error!s:.80}). Export it again.") from error
+    with naming_damage(str(path), GaussiansError, *_DAMAGED), open_regular(path, GaussiansError) as file:
+        return bool(_first_header(file.read(_START)).flags & _ANTIALIASED)
 
 
 def _first_header(data: bytes) -> _Header:
@@ -219,12 +209,7 @@ def _unpack_zstd(data: bytes, header: _Header, path: Path) -> list[bytes]:
     sizes = [size for size in header.sizes() if size]
     if header.version != 4 or streams != len(sizes):
         raise ValueError(f"{streams} streams")
-    try:
-        import zstandard  # pyright: ignore[reportMissingImports] - optional
-    except ImportError as error:
-        raise GaussiansError(
-            f"{path}: is SPZ version 4, and needs a package. Run\n  {install_command('splats')}"
-        ) from error
+    zstandard = import_for_splats("zstandard", f"{path}: SPZ version 4")
     table = struct.unpack_from(f"<{2 * streams}Q", data, at)
     start, parts = at + 16 * streams, []
     for packed, size in zip(table[::2], sizes, strict=True):
@@ -255,15 +240,10 @@ def _columns(header: _Header, parts: list[np.ndarray]) -> Columns:
         if header.version >= 3
         else _unpack_first_three(turns.reshape(count, 3))
     )
-    with np.errstate(divide="ignore"):
-        opacity = np.log(alphas / 255) - np.log1p(-(alphas / 255))
     base = (colors.reshape(count, 3) / 255 - 0.5) / _COLOR_SCALE
     sizes = scales.reshape(count, 3) / 16 - 10
     rest = harmonics.reshape(count, bands, 3) / 128 - 1
-    found = dict(zip("xyz", means.T, strict=True)) | {"opacity": opacity}
-    found |= {f"scale_{i}": sizes[:, i] for i in range(3)} | {f"f_dc_{i}": base[:, i] for i in range(3)}
-    found |= {f"rot_{i}": quats[:, i] for i in range(4)}
-    return found | {f"f_rest_{bands * c + i}": rest[:, i, c] for c in range(3) for i in range(bands)}
+    return name_columns(means, sizes, quats, base, logit(alphas / 255), rest)
 
 
 def _unpack_first_three(turns: np.ndarray) -> np.ndarray:
@@ -275,12 +255,7 @@ def _unpack_first_three(turns: np.ndarray) -> np.ndarray:
 
 def _unpack_smallest_three(codes: np.ndarray) -> np.ndarray:
     """Return quaternions [N, 4] wxyz of version 3 and later, whose last number is in the lowest bits."""
-    place, left = (codes >> 30).astype(np.int64), codes.astype(np.int64)
-    xyzw = np.zeros((len(codes), 4))
-    for part in (3, 2, 1, 0):
-        stored = place != part
-        value = np.where(left >> 9 & 1, -1, 1) * (left & 511) / 511 / np.sqrt(2)
-        xyzw[:, part] = np.where(stored, value, 0)
-        left = np.where(stored, left >> 10, left)
-    xyzw[np.arange(len(codes)), place] = np.sqrt(np.maximum(1 - (xyzw**2).sum(1), 0))
-    return np.roll(xyzw, 1, axis=1)
+    words = codes.astype(np.int64)
+    fields = np.stack([words >> shift & 1023 for shift in (20, 10, 0)], 1)
+    small = np.where(fields >> 9, -1, 1) * (fields & 511) / 511 / np.sqrt(2)
+    return np.roll(from_smallest_three(words >> 30, small), 1, axis=1)

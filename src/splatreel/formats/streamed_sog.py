@@ -20,7 +20,7 @@ from splatreel.base.memory_budget import UNRAISED, MemoryBudget
 from splatreel.base.ply_table import Columns
 from splatreel.base.untrusted import read_json
 from splatreel.formats.sog import is_sog_antialiased, read_sog
-from splatreel.formats.splat_columns import Remarks
+from splatreel.formats.splat_columns import Remarks, concatenate_columns
 
 LOD_META = "lod-meta.json"
 VERSION = 1
@@ -58,8 +58,7 @@ def read_streamed_sog(path: Path, remarks: Remarks, budget: MemoryBudget = UNRAI
     if not parts:
         raise GaussiansError(f"{path}: names no points of its finest level. Export it again.")
     remarks.add(f"Streamed SOG: the finest of its {len(scene.levels)} detail levels was read", path)
-    names = max(parts, key=len)
-    return {name: np.concatenate([part.get(name, np.zeros(len(part["x"]))) for part in parts]) for name in names}
+    return concatenate_columns(parts)
 
 
 def is_streamed_sog_antialiased(path: Path) -> bool:

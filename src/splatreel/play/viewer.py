@@ -23,6 +23,7 @@ from splatreel.scene import rotations
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
+_HOST = "127.0.0.1"
 RATES = ("0.25", "0.5", "1", "2")
 _MAX_SECONDS = 1 / 12
 """Maximum seconds per image while something moves. Still views are rendered at full resolution."""
@@ -76,13 +77,12 @@ class Viewer:
     It is also a context manager: `with Viewer(...) as viewer:`.
     """
 
-    def __init__(self, reel: Timeline, draw: Draw, host: str = "127.0.0.1", port: int = 0, width: int = 1280) -> None:
+    def __init__(self, reel: Timeline, draw: Draw, port: int = 0, width: int = 1280) -> None:
         """Start the viser server. Rendering begins when the context is entered.
 
         Args:
             reel: Reel to show.
             draw: Renderer, see `renderers.Draw`.
-            host: Address to listen on.
             port: Port to listen on; 0 takes any free one.
             width: Maximum width of an image, in pixels.
 
@@ -95,7 +95,6 @@ class Viewer:
         self.clock = Clock(reel.duration, start=reel.manifest.first_frame / reel.fps)
         self._draw = draw
         self._width = width
-        self._host = host
         self._error: SplatreelError | None = None
         self._shown: dict[int, tuple] = {}
         self._moment: tuple[float, Gaussians] | None = None
@@ -105,7 +104,7 @@ class Viewer:
         warnings.filterwarnings("ignore", "Queued a .* on a closed connection")
         # Viser prints its address, which the command line prints as well.
         with contextlib.redirect_stdout(io.StringIO()):
-            self._server: Any = viser.ViserServer(host=host, port=port, label="Splatreel", verbose=False)
+            self._server: Any = viser.ViserServer(host=_HOST, port=port, label="Splatreel", verbose=False)
         self._arrange()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="splatreel-viewer", daemon=True)
@@ -113,8 +112,7 @@ class Viewer:
     @property
     def url(self) -> str:
         """URL of the viewer."""
-        host = "localhost" if self._host == "0.0.0.0" else self._host
-        return f"http://{host}:{self._server.get_port()}/"
+        return f"http://{_HOST}:{self._server.get_port()}/"
 
     @property
     def settled(self) -> bool:

@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,10 +21,6 @@ from splatreel.method.train.training_images import size_ends
 from splatreel.run.job import Plan
 from splatreel.scene.camera import Camera
 from splatreel.scene.group import GroupSpan
-
-if TYPE_CHECKING:
-    pass
-
 
 COARSE = 0.25
 """Pixels of a half-size image, as a share of the full-size image."""

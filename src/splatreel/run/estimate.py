@@ -169,7 +169,7 @@ class _Pace:
         return self.trains_on_gpu and stage in TRAINING
 
 
-SERIAL_SCENE, SERIAL_CHAPTER, SERIAL_FINISH = 0.30, 0.28, 1.0
+SERIAL_SCENE, SERIAL_CHAPTER = 0.30, 0.28
 """Share of the processor time of a job that only one thread can do. It was measured by `benchmarks/chapters.py`, on basketball 240
 pixels wide with two threads, as the time that the main thread takes longer. Three runs gave 0.22 to 0.30 for the scene, 0.24 to
 0.29 for chapters."""
@@ -214,23 +214,6 @@ def job_time(one_thread: float, serial: float, threads: int) -> float:
     return one_thread * (serial + (1 - serial) / threads)
 
 
-def chapters_time(one_thread: float, chapters: int, division: Division, machines: int = 1) -> float:
-    """Return the time of chapters on machines that are divided alike. `one_thread` is the time of a chapter on one thread."""
-    rounds = math.ceil(chapters / (division.workers * machines))
-    return rounds * job_time(one_thread, SERIAL_CHAPTER, division.threads)
-
-
-def run_time(scene: float, chapter: float, finish: float, chapters: int, cores: int, machines: int = 1) -> float:
-    """Return the time of a whole run.
-
-    Args:
-        scene: Time of the scene's job on one thread.
-        chapter: Time of a chapter's job on one thread.
-        finish: Time of the last job on one thread.
-        chapters: Number of chapters.
-        cores: Number of cores of each machine.
-        machines: Number of machines.
-    """
-    division = divide(cores, math.ceil(chapters / machines))
-    before, after = job_time(scene, SERIAL_SCENE, cores), job_time(finish, SERIAL_FINISH, cores)
-    return before + chapters_time(chapter, chapters, division, machines) + after
+def chapters_time(one_thread: float, chapters: int, division: Division) -> float:
+    """Return the time of chapters on a machine. `one_thread` is the time of a chapter on one thread."""
+    return math.ceil(chapters / division.workers) * job_time(one_thread, SERIAL_CHAPTER, division.threads)

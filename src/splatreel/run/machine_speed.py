@@ -1,4 +1,4 @@
-"""Speed of this machine's CPU and GPU, measured by training steps, and the name of its processor."""
+"""Speed of this machine's CPU and GPU, measured by training iterations, and the name of its processor."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import platform
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -25,17 +24,16 @@ from splatreel.base.progress import Silent
 from splatreel.config import KeyframeConfig
 from splatreel.gpu.adapters import Adapter
 from splatreel.gpu.shared_gpu import SharedGpu
-from splatreel.kernels import binning, deform, photometric, rasterize
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
-from splatreel.method.train.render import NO_CHANGE, View
-from splatreel.method.train.trainable_points import TrainablePoints, default_rates, to_params
+from splatreel.method.train.render import View
+from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
 KERNEL_GAIN = 0.75
-"""Time of a step with the present training kernels, as a share of that with the kernels that costs were measured with: 0.73 with
+"""Time of an iteration with the present training kernels, as a share of that with the kernels that costs were measured with: 0.73 with
 AVX-512, 0.85 with AVX2. Other work did not become faster."""
 NEAR, DISTANCE = 0.1, 4.0
 CPUINFO = Path("/proc/cpuinfo")
@@ -45,12 +43,12 @@ WIDTHS = {"avx512f": "AVX-512", "avx2": "AVX2", "sve": "SVE", "neon": "NEON"}
 
 @dataclass(frozen=True)
 class Probe:
-    """A training step on random points that is timed.
+    """A training iteration on random points that is timed.
 
     Attributes:
         scale: Mean logarithm of the points' scales.
-        seconds: Seconds of the step on one thread of the machine that `costs` was measured on.
-        repeats: Number of steps. The fastest counts, so that other programs hardly matter.
+        seconds: Seconds of the iteration on one thread of the machine that `costs` was measured on.
+        repeats: Number of iterations. The fastest counts, so that other programs hardly matter.
     """
 
     points: int
@@ -66,12 +64,12 @@ class Probe:
         return self.width * self.height / 1e6
 
 
-SMALL = Probe(20_000, 320, 180, -4.2, 0.0215, 9)
-"""The step took 0.019 s on that machine (AMD Zen 5) when it was idle, and 0.0235 s when it was busy. Costs were measured at both
-times."""
-LARGE = Probe(46_000, 1280, 720, -4.6, 0.172, 5)
+SMALL = Probe(20_000, 320, 180, -4.2, 0.0237, 9)
+"""The gradients of the iteration took 0.019 s on that machine (AMD Zen 5) when it was idle, and 0.0235 s when it was busy. Costs were
+measured at both times. A whole iteration takes 1.1 times as long: 1.11 times at this size, 1.09 times at that of `LARGE`."""
+LARGE = Probe(46_000, 1280, 720, -4.6, 0.189, 5)
 """Number of points that images of this size get. Measured on an Intel Sapphire Rapids, which also has AVX-512, and scaled by the time
-of the small step on both machines."""
+of the small iteration on both machines."""
 
 
 @dataclass(frozen=True)
@@ -97,87 +95,21 @@ class MachineSpeed:
 
 
 def measure_speed() -> MachineSpeed:
-    """Time both steps on the CPU. This takes two seconds, and longer where kernels must be compiled first."""
+    """Time iterations of both sizes on the CPU. This takes two seconds, and longer where kernels must be compiled first."""
     small, large = (_seconds(probe) / probe.seconds for probe in (SMALL, LARGE))
     return MachineSpeed(small, large, small / KERNEL_GAIN)
 
 
-def on_one_thread(work: Callable[[], None]) -> None:
-    """Run a function on one thread."""
-    with threads.limited(1):
-        work()
-
-
 def _seconds(probe: Probe) -> float:
-    """Return the seconds of processor time that a step takes on one thread."""
-    step, found = _step(probe), list[float]()
-
-    def work() -> None:
-        step()
-        for _ in range(probe.repeats):
+    """Return the seconds of processor time that an iteration takes on one thread."""
+    trainer, images = probe_training(None, probe)
+    found = []
+    with threads.limited(1):
+        for _ in range(1 + probe.repeats):
             start = time.process_time()
-            step()
+            trainer.train(images, 1, 10**6, Silent())
             found.append(time.process_time() - start)
-
-    on_one_thread(work)
     return min(found)
-
-
-@dataclass(frozen=True)
-class ProbeScene:
-    """Points in front of a camera.
-
-    Attributes:
-        near: Near plane, world units.
-        unit: Typical viewing distance, world units.
-    """
-
-    gaussians: Gaussians
-    view: View
-    near: float
-    unit: float
-
-
-def probe_scene(probe: Probe) -> ProbeScene:
-    """Return small random points in a box in front of a camera."""
-    rng, count = np.random.default_rng(0), probe.points
-    sh = rng.normal(0, 0.02, (count, 16, 3))
-    sh[:, 0] = rng.normal(0, 0.5, (count, 3))
-    quats = rng.normal(size=(count, 4))
-    gaussians = Gaussians(
-        means=rng.uniform(-1, 1, (count, 3)) * [1.6, 0.9, 1.0],
-        quats=quats / np.linalg.norm(quats, axis=1, keepdims=True),
-        scales=np.exp(rng.normal(probe.scale, 0.5, (count, 3))),
-        opacities=rng.uniform(0.1, 1, count),
-        sh=sh,
-    )
-    viewmat = np.eye(4)
-    viewmat[2, 3] = DISTANCE
-    width, height = probe.width, probe.height
-    K = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]])
-    view = View.of(Camera("front", viewmat, K, width, height))
-    return ProbeScene(gaussians, view, NEAR, DISTANCE)
-
-
-def _step(probe: Probe) -> Callable[[], None]:
-    """Return the gradients of one training step, as the CPU's program of a keyframe computes them."""
-    scene = probe_scene(probe)
-    points = deform.DeformedPoints._make([*to_params(scene.gaussians).values(), *NO_CHANGE])
-    pinhole, center = scene.view.pinhole(NEAR), scene.view.center
-    target = np.zeros((probe.height, probe.width, 3), np.uint8)
-
-    def step() -> None:
-        opacities, seen = deform.forward(points, center, pinhole)
-        splats = seen.means2d, seen.conics, opacities, seen.depths, seen.radii
-        bins = binning.bin_splats(*splats, probe.width, probe.height)
-        image, alpha = rasterize.forward(bins, seen.colors)
-        compared = photometric.loss_and_gradient(image, target, 0.2)
-        nothing = rasterize.no_gradient(alpha.shape)
-        found = rasterize.backward(bins, seen.colors, image, compared.d_image, alpha, nothing)
-        to_splats = found.means2d, found.conics, found.colors, found.opacities
-        deform.backward(points, seen, center, pinhole, *to_splats)
-
-    return step
 
 
 @functools.cache
@@ -279,20 +211,38 @@ def _read_times(name: str) -> DeviceTimes | None:
 
 
 def probe_training(gpu: SharedGpu | None, probe: Probe) -> tuple[KeyframeTrainer, TrainingImages]:
-    """Return a training of random points against a random image, which adds no points. gpu: None trains on the CPU."""
-    scene = probe_scene(probe)
-    points = TrainablePoints.from_gaussians(scene.gaussians, default_rates(scene.unit))
-    image = np.random.default_rng(0).integers(0, 256, (1, 1, probe.height, probe.width, 3), np.uint8)
-    images = TrainingImages(image, [scene.view], scene.near, scene.unit)
-    gains = CameraGains(1)
+    """Return a training of small random points in a box in front of a camera, against a random image. It adds no points.
+
+    Args:
+        gpu: GPU that runs iterations; None trains on the CPU.
+        probe: Points and image size.
+    """
+    rng, count, width, height = np.random.default_rng(0), probe.points, probe.width, probe.height
+    sh = rng.normal(0, 0.02, (count, 16, 3))
+    sh[:, 0] = rng.normal(0, 0.5, (count, 3))
+    quats = rng.normal(size=(count, 4))
+    gaussians = Gaussians(
+        means=rng.uniform(-1, 1, (count, 3)) * [1.6, 0.9, 1.0],
+        quats=quats / np.linalg.norm(quats, axis=1, keepdims=True),
+        scales=np.exp(rng.normal(probe.scale, 0.5, (count, 3))),
+        opacities=rng.uniform(0.1, 1, count),
+        sh=sh,
+    )
+    viewmat = np.eye(4)
+    viewmat[2, 3] = DISTANCE
+    K = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]])
+    view = View.of(Camera("front", viewmat, K, width, height))
+    points = TrainablePoints.from_gaussians(gaussians, default_rates(DISTANCE))
+    image = np.random.default_rng(0).integers(0, 256, (1, 1, height, width, 3), np.uint8)
+    images = TrainingImages(image, [view], NEAR, DISTANCE)
     config = KeyframeConfig(densify_every=10**9, average_share=0.0, detail=False)
-    return KeyframeTrainer(points, gains, config, max_points=probe.points, gpu=gpu), images
+    return KeyframeTrainer(points, CameraGains(1), config, max_points=count, gpu=gpu), images
 
 
 def measure_run_speed(gpu: SharedGpu | None) -> MachineSpeed:
     """Return the speed of this machine for a run: `measure_speed`, with the training of a GPU if one trains.
 
-    A GPU's time is that of a whole iteration, which is compared with the step on the machine that costs were measured on.
+    A GPU's iteration is compared with that on the machine that costs were measured on.
 
     Args:
         gpu: GPU that runs iterations of training; None runs them on the CPU.

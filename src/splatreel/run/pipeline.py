@@ -84,7 +84,7 @@ def plan_run(capture: Capture, out: Path, config: Config, *, sound: str = "auto"
     check_networks(config.layering)
     check_memory(capture, config)
     config = with_former_defaults(config, recorded_settings(Path(out) / "work"))
-    config = config.for_video(capture.frames)
+    config = config.for_video(0 if capture.growing else capture.frames)
     gpu, note = pick_gpu(device, capture.width, capture.height, config.keyframe.max_points)
     return ChapteredRun(capture, Path(out), config, sound, gpu, note)
 

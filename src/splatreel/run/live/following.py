@@ -26,21 +26,20 @@ from splatreel.codec.predictive.precision import STEPS
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.config.presets import DRAFT
-from splatreel.config.settings import changed, with_former_defaults
+from splatreel.config.settings import changed
 from splatreel.method.algorithm import FirstGroup, NextGroup, Start
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.encode.compression import CompressedGroup, CompressedLayer, group_importance, weigh
 from splatreel.method.init.layout import Layout
-from splatreel.run.device_choice import pick_gpu
 from splatreel.run.groups import restore_group, run_group
 from splatreel.run.job import Job
+from splatreel.run.jobs import ChapteredRun
 from splatreel.run.live.live_soundtrack import LiveSoundtrack
 from splatreel.run.output.group_output import Output, ReelOutput
 from splatreel.run.output.group_writer import GroupWriter, PresentationHook, no_presentation, open_writer
-from splatreel.run.pipeline import Result
+from splatreel.run.pipeline import Result, plan_run, result_of
 from splatreel.run.preparation import prepare, save_header
-from splatreel.run.requirements import check_capture, check_memory, check_networks
-from splatreel.run.run_folder import RunLock, recorded_settings, run_record
+from splatreel.run.run_folder import RunLock
 from splatreel.run.store import Store, load_arrays, save_arrays
 from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import Group, GroupSpan, group_spans
@@ -260,22 +259,18 @@ def reconstruct_following(
     Raises:
         CaptureError: If the capture ends before its first frame.
     """
-    capture = follower.capture
-    check_capture(capture)
-    check_networks(config.layering)
-    check_memory(capture, config)
-    config = with_former_defaults(config, recorded_settings(Path(out) / "work")).for_video(0)
-    progress = progress or Silent()
-    with RunLock(Path(out), run_record(capture, config, sound)) as lock:
-        run = _LiveRun(follower, config, live, device, progress, Store(lock.work))
+    capture, progress = follower.capture, progress or Silent()
+    planned = plan_run(capture, out, config, sound=sound, device=device)
+    with RunLock(planned.out, planned.record) as lock:
+        run = _LiveRun(follower, planned, live, progress)
         first = next(iter(run.spans(0)), None)
         if first is None:
             raise CaptureError(f"{capture.path}: the capture ended without a frame. Record again.")
-        job = run.job(config)
+        job = run.job(planned.config)
         rig, layout = prepare(job, capture, first.count // 2, lock)
         save_epochs(job.store, job.store.finished_groups(first_kept(job.store)) + first_kept(job.store))
         save_header(job, capture, rig, layout, None)
-        writer = open_writer(job.store, lock.reel, config.encode, resume=True, first_group=first_kept(job.store))
+        writer = open_writer(job.store, lock.reel, run.config.encode, resume=True, first_group=first_kept(job.store))
         with LiveSoundtrack(lock.work, follower, sound, progress) as soundtrack:
 
             def shown(writer: ReelWriter, group: int | None) -> None:
@@ -287,7 +282,7 @@ def reconstruct_following(
             soundtrack.finish(writer)
         present(writer, None)
         writer.finish()
-        return Result(lock.reel, lock.work, job.store.seconds(), job.device_name)
+        return result_of(planned)
 
 
 @contextmanager
@@ -303,20 +298,16 @@ def _stop_on_error(follower: Follower) -> Iterator[None]:
 class _LiveRun:
     """Reconstruction of the groups of a live reel, in order. The checkpoints are those of any other run."""
 
-    def __init__(
-        self, follower: Follower, config: Config, live: Live, device: str, progress: Progress, store: Store
-    ) -> None:
-        size = follower.capture.width, follower.capture.height
-        self.gpu, note = pick_gpu(device, *size, config.keyframe.max_points)
-        if note:
-            progress.note(note)
+    def __init__(self, follower: Follower, planned: ChapteredRun, live: Live, progress: Progress) -> None:
+        if planned.gpu_note:
+            progress.note(planned.gpu_note)
+        self.gpu, self.store = planned.gpu, planned.store
+        self.config = config = planned.config
         self.follower = follower
-        self.config = config
         self.live = live
         self.progress = progress
-        self.store = store
         fps = follower.capture.fps
-        self.window = Window(store, None if live.keep is None else max(round(live.keep * fps), 1))
+        self.window = Window(self.store, None if live.keep is None else max(round(live.keep * fps), 1))
         self.lateness = Lateness(config, live.when_late, config.group.length / fps, progress)
         self.edge: np.ndarray | None = None
 

@@ -139,6 +139,21 @@ class SharedFolder:
         return [file for file in files if is_plain(file.name)]
 
 
+class _SameFolder(SharedFolder):
+    """Folder that all machines have, so that nothing is ever missing there or here."""
+
+    def __init__(self) -> None:
+        pass
+
+    def push(self, folder: Path, names: Iterable[str]) -> list[str]:
+        """Send nothing."""
+        return []
+
+    def files(self, prefix: str = "") -> dict[str, SharedFile]:
+        """Return that nothing has to be fetched."""
+        return {}
+
+
 def _newest(versions: list[SharedFile]) -> dict[str, SharedFile]:
     return {file.name: file for file in sorted(versions, key=lambda file: (file.version, file.sha256))}
 
@@ -183,13 +198,15 @@ class Exchange:
     All methods raise `StorageError` where the address cannot be reached.
 
     Args:
-        url: Address of OUT there.
+        url: Address of OUT there; None if all machines have the same folder OUT. Nothing is copied then.
         out: Folder OUT on this machine.
         report: Called with the reason of each retry.
     """
 
-    def __init__(self, url: str, out: Path, report: Callable[[str], None] = log_retry) -> None:
-        self._shared = SharedFolder(Address(f"{url.rstrip('/')}/work", report=report, writes=True))
+    def __init__(self, url: str | None, out: Path, report: Callable[[str], None] = log_retry) -> None:
+        self._shared: SharedFolder = _SameFolder()
+        if url is not None:
+            self._shared = SharedFolder(Address(f"{url.rstrip('/')}/work", report=report, writes=True))
         self._work = out / "work"
 
     def fetch_scene(self) -> None:

@@ -46,11 +46,16 @@ from splatreel.run.run_logs import log_file
 
 @dataclass(frozen=True)
 class Resources:
-    """Resources of a job."""
+    """Resources of a job, or of a node. The memory is in bytes."""
 
     cores: int
     gpus: int
     memory: int
+
+    def slots(self, wanted: Resources) -> int:
+        """Return the number of jobs that fit at a time."""
+        by_gpu = self.gpus // wanted.gpus if wanted.gpus else self.cores
+        return min(self.cores // wanted.cores, by_gpu, self.memory // max(wanted.memory, 1))
 
 
 @dataclass(frozen=True)
@@ -64,18 +69,6 @@ class ClusterPlan:
     scene: Resources
     chapter: Resources
     at_once: int
-
-
-@dataclass(frozen=True)
-class _Node:
-    cores: int
-    gpus: int
-    memory: int
-
-    def slots(self, wanted: Resources) -> int:
-        """Return the number of jobs that fit."""
-        by_gpu = self.gpus // wanted.gpus if wanted.gpus else self.cores
-        return min(self.cores // wanted.cores, by_gpu, self.memory // max(wanted.memory, 1))
 
 
 def share_nodes(
@@ -96,7 +89,7 @@ def share_nodes(
     resources = [node["Resources"] for node in nodes if node["Alive"] and node["Resources"].get("CPU", 0) >= 1]
     if not resources:
         raise UsageError("--cluster: no node of the Ray cluster offers a CPU. Add one with `ray start`.")
-    alive = [_Node(int(n["CPU"]), int(n.get("GPU", 0)), int(n.get("memory", need))) for n in resources]
+    alive = [Resources(int(n["CPU"]), int(n.get("GPU", 0)), int(n.get("memory", need))) for n in resources]
     with_gpu = [node for node in alive if node.gpus]
     if device == "cuda" and not with_gpu:
         raise UsageError("--device cuda: no node of the Ray cluster has a GPU. Use --device cpu, or add such a node.")
@@ -156,42 +149,39 @@ def make_chapter(task: NodeTask, chapter: int, send: Callable[[object], None]) -
 
 
 def _make_scene(task: NodeTask, send: Callable[[object], None]) -> None:
-    spec = pickle.loads(task.spec)
-    with _place(task, spec.out) as out:
-        exchange = None if task.url is None else Exchange(task.url, out)
-        if exchange is not None:
-            exchange.fetch_scene()
-        with replace(spec, out=out).opened() as run:
-            try:
-                _wait_for_lock(lambda: scene_job(run, Reporter(0, send)))
-            finally:
-                if exchange is not None:
-                    exchange.send_log(SCENE)
-        if exchange is not None:
-            exchange.send_scene()
+    with _opened_on_node(task, SCENE) as (run, exchange):
+        _wait_for_lock(lambda: scene_job(run, Reporter(0, send)))
+        exchange.send_scene()
 
 
 def _make_chapter(task: NodeTask, chapter: int, send: Callable[[object], None]) -> None:
+    with _opened_on_node(task, chapter_name(chapter)) as (run, exchange):
+        exchange.fetch_chapter(run.chapters[chapter])
+
+        def after_group(group: int) -> None:
+            exchange.send_group(chapter, group)
+            send(GroupDone(chapter, group))
+
+        send(Started(chapter, socket.gethostname()))
+        _wait_for_lock(lambda: chapter_job(run, chapter, Reporter(chapter, send), after_group))
+
+
+@contextmanager
+def _opened_on_node(task: NodeTask, part: str) -> Iterator[tuple[ChapteredRun, Exchange]]:
+    """Open the run in the folder of a job. Without a shared folder, the scene is fetched before, and the part's log sent after.
+
+    Yields:
+        The run, and the exchange of files.
+    """
     spec = pickle.loads(task.spec)
     with _place(task, spec.out) as out:
-        exchange = None if task.url is None else Exchange(task.url, out)
-        if exchange is not None:
-            exchange.fetch_scene()  # it has the frame tables, which opening the capture needs
+        exchange = Exchange(task.url, out)
+        exchange.fetch_scene()  # it has the frame tables, which opening the capture needs
         with replace(spec, out=out).opened() as run:
-            if exchange is not None:
-                exchange.fetch_chapter(run.chapters[chapter])
-
-            def after_group(group: int) -> None:
-                if exchange is not None:
-                    exchange.send_group(chapter, group)
-                send(GroupDone(chapter, group))
-
-            send(Started(chapter, socket.gethostname()))
             try:
-                _wait_for_lock(lambda: chapter_job(run, chapter, Reporter(chapter, send), after_group))
+                yield run, exchange
             finally:
-                if exchange is not None:
-                    exchange.send_log(chapter_name(chapter))
+                exchange.send_log(part)
 
 
 def _run_guarded(task: NodeTask, action: Callable[[], None]) -> str | None:
@@ -287,10 +277,9 @@ def reconstruct_on_cluster(
         SplatreelError: As `local_processes.reconstruct_here` raises it.
     """
     progress = progress or Silent()
-    exchange = None if url is None else Exchange(url, spec.out, progress.note)
+    exchange = Exchange(url, spec.out, progress.note)
     with connected(address) as cluster:  # before anything is read
-        if exchange is not None:
-            exchange.fetch_scene()  # it may have the frame tables, which opening the capture needs
+        exchange.fetch_scene()  # it may have the frame tables, which opening the capture needs
         with spec.opened() as run:
             if len(run.chapters) == 1:
                 progress.note("The video is one chapter. It is reconstructed on this machine, not on the cluster.")
@@ -310,7 +299,7 @@ class _Cluster:
         run: ChapteredRun,
         spec: RunSpec,
         url: str | None,
-        exchange: Exchange | None,
+        exchange: Exchange,
         progress: Progress,
         options: ClusterOptions,
     ) -> None:
@@ -328,13 +317,11 @@ class _Cluster:
     def make(self, present: PresentationHook) -> None:
         """Make the scene, the chapters and the reel."""
         save_frame_tables(self.run)
-        if self.exchange is not None:
-            self.exchange.send_tables()
+        self.exchange.send_tables()
         if not has_scene(self.run):
             self._make_scene(parts_of(self.progress, self.run.costs())[0])
-        if self.exchange is not None:
-            self.exchange.fetch_scene()
-            self.exchange.fetch_finished()
+        self.exchange.fetch_scene()
+        self.exchange.fetch_finished()
         with Driver(
             self.run, self.progress, present, min(self.plan.at_once, len(self.run.chapters)), self.url
         ) as driver:
@@ -397,9 +384,9 @@ class _Cluster:
         """Return a receiver that fetches finished groups to this machine before it hands their report on."""
 
         def fetch_and_receive(report: Report) -> None:
-            if self.exchange is not None and isinstance(report, GroupDone):
+            if isinstance(report, GroupDone):
                 self.exchange.fetch_finished([report.group])
-            elif self.exchange is not None and isinstance(report, ChapterEnded) and report.error is None:
+            elif isinstance(report, ChapterEnded) and report.error is None:
                 groups = self.run.chapters[report.chapter].groups
                 self.exchange.fetch_finished(span.index for span in groups)
             receive(report)
