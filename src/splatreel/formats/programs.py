@@ -48,7 +48,7 @@ PROGRAMS: dict[ProgramName, Program] = {
     "blender-4dgs": Program("the Blender add-on Simple 4DGS viewer", ("ply",)),
     # TimChen1383/NanoGaussianSplatting, PLYFileReader.cpp: binary little endian, all degrees; every property is read as a float where
     # it starts, so that doubles are misread.
-    # YuanBaoSMadLab/OpenSplat4D, which contains it: GaussianSplatAssetFactory.cpp, ImportPLYSequence refuses files with other numbers of
+    # YuanBaoSMadLab/OpenSplat4D, which contains it: GaussianSplatAssetFactory.cpp, ImportPLYSequence refuses files with other counts of
     # vertices than the first, sorts them by name, and interpolates; harmonics above degree 0 are those of the first file.
     "unreal": Program("the Unreal plugins OpenSplat4D and NanoGS", ("ply",), reads_double=False, equal_counts=True),
     # playcanvas/supersplat, src/io/read/loader.ts: all formats of splat-transform. A folder of PLY files is an animation.
