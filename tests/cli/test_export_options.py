@@ -97,7 +97,11 @@ def test_frames_before_something_appears_are_empty_files(tmp_path: Path, kind: s
     film = replace(film, crop=Sphere(gone, 1e-4))
     film.check_content()
     suffix = FRAME_FORMATS[kind].suffix
-    counts = [film.write_file(tmp_path / f"{frame}{suffix}", kind, film.seconds[frame]) for frame in (0, -1)]
+    counts = []
+    for place in (0, -1):
+        points = film.at(film.seconds[place])
+        film.write(tmp_path / f"{place}{suffix}", kind, points)
+        counts.append(len(points))
     assert counts == [1, 0]
     assert len(read_splats(tmp_path / f"-1{suffix}", None, Remarks())) == 0
 
@@ -144,6 +148,26 @@ def test_folder_for_a_program_has_its_best_format(tmp_path: Path) -> None:
         assert export(tmp_path / program, "--frames", "0:1", "--for", program) == 0
         file = next((tmp_path / program).iterdir())
         assert file.name == f"000000{FRAME_FORMATS[PROGRAMS[program].formats[0]].suffix}"
+
+
+@pytest.mark.parametrize("options", [["--equal-counts"], ["--for", "unreal"], ["--for", "unity", "--format", "spz2"]])
+def test_all_files_of_a_folder_have_equal_counts(
+    tmp_path: Path, options: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert export(tmp_path / "film", *options) == 0
+    counts = [len(read_splats(file, None, Remarks())) for file in sorted((tmp_path / "film").iterdir())]
+    plain = [len(moment) for moment in open_reel(GOLDEN)]
+    assert len(counts) == len(plain)
+    assert set(counts) == {max(plain)}, "the overlap of two groups needs the most"
+    assert len(set(plain)) > 1
+    assert f"{max(plain):,} Gaussians in each" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["f.ply", "f.4dgs", "f.html", "f.mp4"])
+def test_equal_counts_are_for_sequences(tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    when = ["--frame", "0"] if name == "f.ply" else []
+    assert export(tmp_path / name, "--equal-counts", *when) == 2
+    assert "--equal-counts" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

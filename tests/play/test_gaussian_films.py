@@ -1,5 +1,6 @@
 """All frames of a reel in one file: USD, and .4dgs."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -67,6 +68,21 @@ def test_usd_has_the_points_of_every_frame(tmp_path: Path, film: GaussianExport,
         harmonics = np.array(splats.GetRadianceSphericalHarmonicsCoefficientsAttr().Get(frame))
         np.testing.assert_allclose(harmonics.reshape(points.sh.shape), points.sh, rtol=1e-5)
     assert np.array_equal(np.array(splats.GetPositionsAttr().Get()), frame_of(film, 0).means)
+
+
+def test_usd_with_equal_counts_interpolates_within_and_between_groups(tmp_path: Path, film: GaussianExport) -> None:
+    """USD interpolates between samples of one length. Without equal counts it holds them where the length changes."""
+    pytest.importorskip("pxr")
+    from pxr import Usd, UsdVol  # pyright: ignore[reportMissingImports] - optional
+
+    path = tmp_path / "f.usdc"
+    equal = replace(film, equal_counts=True)
+    write_usd(path, equal, 30)
+    splats = UsdVol.ParticleField3DGaussianSplat(Usd.Stage.Open(str(path)).GetDefaultPrim())
+    frames = [turned(points, film.placement.turn) for points in equal]
+    for frame in range(len(frames) - 1):
+        between = (frames[frame].opacities + frames[frame + 1].opacities) / 2
+        np.testing.assert_allclose(splats.GetOpacitiesAttr().Get(frame + 0.5), between, atol=1e-6)
 
 
 def test_fourdgs_shows_the_points_of_every_frame_and_stores_resting_points_once(

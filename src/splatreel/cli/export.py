@@ -60,6 +60,7 @@ def export(
     path: Path | None = None,
     format: FrameKind | None = None,
     program: Annotated[ProgramName | None, arg(name="for")] = None,
+    equal_counts: bool = False,
     changes: OmitArgPrefixes[ChangeOptions] = ChangeOptions(),
     max_memory: int | None = None,
 ) -> None:
@@ -79,8 +80,10 @@ def export(
         path: Camera path of the film, a JSON file that the player saved; by default through the capture's cameras.
         format: Format of the files in a folder, by default ply as 3DGS writes it. compressed-ply, sog, spz (version 3), spz2 and spz4
             are small; splat has no view-dependent color; glb is glTF with KHR_gaussian_splatting. For one file, the version of .spz.
-        program: Program that is to open the files: sets their format, version, precision and degree of view-dependent color to what
-            it reads. docs/exports.md lists what that is.
+        program: Program that is to open the files: sets their format, version, precision, degree of view-dependent color and
+            --equal-counts to what it reads. docs/exports.md lists what that is.
+        equal_counts: Give all frames of a folder or a USD file the same number of Gaussians in the same order, for programs that
+            interpolate between frames. Those that do not show have opacity 0.
         changes: Changes of exported Gaussians.
         max_memory: Megabytes that decoding a file may take; by default what a correct file of its length needs.
     """
@@ -88,12 +91,20 @@ def export(
     reader = _program(program)
     kind = _kind(out, format) if reader is None else _kind_for(reader, program or "", out, format)
     if out.suffix == ".html":
-        if any(value is not None for value in (frame, at, frames, width, path)) or every > 1 or changes.given:
+        if (
+            any(value is not None for value in (frame, at, frames, width, path))
+            or every > 1
+            or changes.given
+            or equal_counts
+        ):
             raise UsageError(
-                "A page holds the whole reel. Leave out --frame, --at, --frames, --every, --width, --path, --up, --crop."
+                "A page holds the whole reel. Leave out --frame, --at, --frames, --every, --width, --path, --up, --crop, "
+                "--equal-counts."
             )
         _write_page(reel, out, rendition)
         return
+    if equal_counts and (out.suffix in (".4dgs", ".mp4") or (kind is not None and out.suffix)):
+        raise UsageError("--equal-counts is for a folder of files and for USD. Leave it out for other files.")
     if path is not None and (out.suffix != ".mp4" or frames is not None):
         raise UsageError("--path is for films (--out F.mp4), and holds the times that they show: leave out --frames.")
     if (changes.given or every > 1) and out.suffix == ".mp4":
@@ -113,13 +124,15 @@ def export(
         if out.suffix == ".mp4":
             _write_film(source, times, out, width, path)
             return
-        film = GaussianExport(source, times, _up(changes.up, kind), crop, reader)
+        equal_counts |= reader is not None and reader.equal_counts and not one
+        film = GaussianExport(source, times, _up(changes.up, kind), crop, reader, equal_counts)
         film.check_content()
         if kind is None:
             _write_gaussian_film(film, out, every)
         elif one:
-            count = film.write_file(out, kind, times[0])
-            say(f"{out}: {count:,} Gaussians {f'of frame {frame}' if frame is not None else f'at {at:g} s'}")
+            points = film.at(times[0])
+            film.write(out, kind, points)
+            say(f"{out}: {len(points):,} Gaussians {f'of frame {frame}' if frame is not None else f'at {at:g} s'}")
         else:
             _write_folder(film, out, kind, every)
     _say_losses(film, out, kind)
@@ -224,12 +237,14 @@ def _write_folder(film: GaussianExport, out: Path, kind: str, every: int) -> Non
 
     times = list(film.seconds)
     first = round(times[0] * film.source.fps) if every == 1 else 0
-    for number, seconds in enumerate(times, first):
+    equal = ""
+    for number, points in enumerate(film, first):
         file = out / f"{number:06}{FRAME_FORMATS[kind].suffix}"
-        film.write_file(file, kind, seconds)
+        film.write(file, kind, points)
         if number == first:
             _say_size(out, file.stat().st_size * len(times), len(times), "a smaller format, such as --format spz")
-    say(f"{out}: {len(times)} {kind.upper()} files, {_span(film.source, times, every)}")
+        equal = f", {len(points):,} Gaussians in each" if film.equal_counts else ""
+    say(f"{out}: {len(times)} {kind.upper()} files, {_span(film.source, times, every)}{equal}")
 
 
 def _write_gaussian_film(film: GaussianExport, out: Path, every: int) -> None:

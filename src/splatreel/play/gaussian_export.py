@@ -11,6 +11,7 @@ import numpy as np
 from splatreel.base.errors import ReelError
 from splatreel.formats.programs import Program
 from splatreel.formats.registry import FRAME_FORMATS, Placement
+from splatreel.play.equal_counts import EqualCounts
 from splatreel.play.timeline import Timeline
 from splatreel.scene.gaussians import Gaussians, turn_upright
 from splatreel.scene.volumes import Volume
@@ -25,6 +26,7 @@ class GaussianExport:
         up: Unit up direction of the files, [3]; None keeps the axes of the capture.
         crop: Volume to keep, in the reel's coordinates; None keeps all.
         program: Program that the files are for; None for any.
+        equal_counts: All frames have the same number of Gaussians in the same order, see `EqualCounts`.
     """
 
     source: Timeline
@@ -32,6 +34,7 @@ class GaussianExport:
     up: np.ndarray | None
     crop: Volume | None = None
     program: Program | None = None
+    equal_counts: bool = False
 
     @property
     def placement(self) -> Placement:
@@ -52,9 +55,14 @@ class GaussianExport:
         points: Gaussians = self.source.at(seconds)
         return points if self.crop is None else points[self.crop.contains(points.means)]
 
+    def _identified(self, seconds: float) -> tuple[Gaussians, np.ndarray]:
+        moment = self.source.at(seconds)
+        inside = slice(None) if self.crop is None else self.crop.contains(moment.means)
+        return moment[inside], moment.ids[inside]
+
     def check_content(self) -> None:
         """Raise `ReelError` if there are no Gaussians at any of the times."""
-        if any(len(points) for points in self):
+        if any(len(self.at(seconds)) for seconds in self.seconds):
             return
         first, last = self.seconds[0], self.seconds[-1]
         when = f"at {first:.3f} s" if first == last else f"from {first:.3f} to {last:.3f} s"
@@ -64,12 +72,12 @@ class GaussianExport:
 
     def __iter__(self) -> Iterator[Gaussians]:
         """Yield the Gaussians at each time."""
+        if self.equal_counts:
+            return iter(EqualCounts(self.seconds, self._identified))
         return (self.at(seconds) for seconds in self.seconds)
 
-    def write_file(self, path: Path, kind: str, seconds: float) -> int:
-        """Write the Gaussians at a time in a format of `FRAME_FORMATS`. Return their number."""
-        points = self.at(seconds)
+    def write(self, path: Path, kind: str, points: Gaussians) -> None:
+        """Write the Gaussians of one frame in a format of `FRAME_FORMATS`."""
         if self.program is not None and self.program.degree is not None:
             points = points.at_degree(self.program.degree)
         FRAME_FORMATS[kind].write(path, points, self.placement)
-        return len(points)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, NamedTuple, overload
 
 import numpy as np
 
@@ -34,9 +34,21 @@ The image is [H, W, 3] float32, whose values may exceed 1.
 """
 
 
+_ROWS, _GROUPS = 32, 1 << 62
+"""Bits of an id for the number of a Gaussian in its layer or group, and the bit of those in groups."""
+
+
 def draw_on_cpu(gaussians: Gaussians, camera: Camera, near: float, antialias: bool, background: Color) -> np.ndarray:
     """Render on the CPU, see `Draw`."""
     return render_image(gaussians, camera, near=near, antialias=antialias, background=background)
+
+
+class _Part(NamedTuple):
+    """Gaussians that are all static or all dynamic, with their ids."""
+
+    points: Gaussians
+    is_static: bool
+    ids: np.ndarray
 
 
 @dataclass(frozen=True, repr=False)
@@ -45,30 +57,32 @@ class Moment(Gaussians):
 
     Attributes:
         is_static: [N] bool: which Gaussians are static.
+        ids: [N] int64: number of each Gaussian within the reel. A dynamic one keeps it within its group, a static one within its layer.
         light: [3] factors by which all colors were multiplied.
         fade: In a cross-fade, the Gaussians of the old and of the new group alone, and the weight of the new one; otherwise None.
     """
 
     is_static: np.ndarray
+    ids: np.ndarray
     light: np.ndarray
     fade: tuple[Moment, Moment, float] | None = None
 
     @staticmethod
     def join(
-        parts: list[tuple[Gaussians, bool]],
+        parts: list[_Part],
         light: np.ndarray | None,
         fade: tuple[Moment, Moment, float] | None = None,
     ) -> Moment:
         """Join sets of Gaussians.
 
         Args:
-            parts: Sets, each with True if its Gaussians are static.
+            parts: Sets of Gaussians.
             light: [3] factors of all colors; None for constant light.
             fade: See `Moment`.
         """
-        sets = [points if light is None else points.brightened(light) for points, _ in parts]
+        sets = [part.points if light is None else part.points.brightened(light) for part in parts]
         joined = Gaussians.concatenate([points for points in sets if len(points)] or sets[:1])
-        is_static = np.repeat([static for _, static in parts], [len(points) for points in sets])
+        is_static = np.repeat([part.is_static for part in parts], [len(points) for points in sets])
         return Moment(
             means=joined.means,
             quats=joined.quats,
@@ -76,6 +90,7 @@ class Moment(Gaussians):
             opacities=joined.opacities,
             sh=joined.sh,
             is_static=is_static,
+            ids=np.concatenate([part.ids for part in parts]),
             light=np.ones(3) if light is None else light,
             fade=fade,
         )
@@ -193,8 +208,7 @@ class Timeline:
         weight = self._weight(frame, new)
         light = new.light_at(frame - new.first_frame)
         if place == 0 or weight >= 1:
-            static = self.reel.static(new.index)[0][new.alive]
-            return Moment.join([(static, True), (new.at(frame - new.first_frame), False)], light)
+            return Moment.join([self._static(new.index, new.alive), _dynamic(new, frame)], light)
         return self._fading(frame, weight, self.reel.group(groups[place - 1].group), new, light)
 
     def render(self, gaussians: Gaussians, camera: Camera, draw: Draw = draw_on_cpu) -> np.ndarray:
@@ -236,29 +250,41 @@ class Timeline:
         return share * share * (3 - 2 * share)
 
     def _fading(self, frame: float, weight: float, old: Group, new: Group, light: np.ndarray | None) -> Moment:
-        old_static, new_static = (self.reel.static(group.index)[0] for group in (old, new))
         living = set(self.manifest.living_layers(new.index))
         shared = [index for index in self.manifest.living_layers(old.index) if index in living]
         in_old, in_new = (self._points_of(shared, group.index) for group in (old, new))
         leaves, comes = old.alive.copy(), new.alive.copy()
         leaves[in_old] &= ~new.alive[in_new]
         comes[in_new] &= ~old.alive[in_old]
-        both = (new_static[new.alive & ~comes], True)
-        leaving = [(old_static[leaves], True), (old.at(frame - old.first_frame), False)]
-        coming = [(new_static[comes], True), (new.at(frame - new.first_frame), False)]
+        both = self._static(new.index, new.alive & ~comes)
+        leaving = [self._static(old.index, leaves), _dynamic(old, frame)]
+        coming = [self._static(new.index, comes), _dynamic(new, frame)]
         before, after = Moment.join([both, *leaving], light), Moment.join([both, *coming], light)
         faded = [
-            (points.faded(share), static)
+            part._replace(points=part.points.faded(share))
             for parts, share in ((leaving, 1 - weight), (coming, weight))
-            for points, static in parts
+            for part in parts
         ]
         return Moment.join([both, *faded], light, (before, after, weight))
+
+    def _static(self, group: int, shown: np.ndarray) -> _Part:
+        """Return some static points of a group, as a mask of all in its layers."""
+        layers = self.manifest.living_layers(group)
+        counts = [self.manifest.layers[index].points for index in layers]
+        ids = [(index << _ROWS) + np.arange(count) for index, count in zip(layers, counts, strict=True)]
+        return _Part(self.reel.static(group)[0][shown], True, np.concatenate([np.zeros(0, np.int64), *ids])[shown])
 
     def _points_of(self, layers: list[int], group: int) -> np.ndarray:
         """Return which static points of a group belong to `layers`, [S] bool."""
         living = self.manifest.living_layers(group)
         counts = [self.manifest.layers[index].points for index in living]
         return np.repeat(np.isin(living, layers), counts).astype(bool)
+
+
+def _dynamic(group: Group, frame: float) -> _Part:
+    """Return the dynamic points of a group at a frame of the reel."""
+    points = group.at(frame - group.first_frame)
+    return _Part(points, False, _GROUPS + (group.index << _ROWS) + np.arange(len(points)))
 
 
 def open_reel(location: str | Path, rendition: str | None = None, most: int | None = None) -> Timeline:
