@@ -24,7 +24,7 @@ from splatreel.segmentation.background import fit_background
 from splatreel.segmentation.mask_writer import sample_moments
 
 AROUND, CLEAR = 3, 5
-"""Distances from the masks, pixels: up to which pixels are compared, and from which on they show the background."""
+"""Largest distance of compared pixels from the masks, and smallest distance of pixels that show the background for sure, pixels."""
 
 
 def main(

@@ -410,8 +410,12 @@ def test_pixels_in_doubt_show_what_is_likely() -> None:
     likely, unlikely = doubtful & (levels >= 128), doubtful & (levels < 128)
     found, seen = capture.read(0, 1, names)[0], scene.read(0, 1, names)[0]
     assert np.array_equal(found[:, likely], seen[:, likely])
-    for image, name in zip(found, names, strict=True):
+    opacity = np.where(doubtful, np.where(levels < 128, np.uint8(0), np.uint8(255)), opacity_of_level(levels))
+    for image, plain, name in zip(found, seen, names, strict=True):
         assert (image[unlikely] == 255 * np.array(capture.backgrounds[name])).all()
+        share = opacity[..., None] / 255
+        expected = share * without_mixing(plain, opacity) + (1 - share) * 255 * np.array(capture.backgrounds[name])
+        np.testing.assert_allclose(image, expected, atol=0.51)
 
 
 def test_levels_out_of_doubt_tell_the_opacity() -> None:

@@ -14,9 +14,9 @@ from splatreel.method.init.layout import upright
 from splatreel.scene.camera import Camera
 from splatreel.segmentation.background import MIN_SAMPLES, Background, fit_background, largest_channel, same_light
 from splatreel.segmentation.borders import with_border_opacity
-from splatreel.segmentation.evidence import LIMIT, Agreement, ColorModel, subject_evidence, with_floor
+from splatreel.segmentation.evidence import LIMIT, Agreement, ColorModel, difference, subject_evidence, with_floor
 from splatreel.segmentation.people import People, people_free, squares_around, without_repeats
-from splatreel.segmentation.smoothing import decide, with_doubts, without_specks
+from splatreel.segmentation.smoothing import decide, with_doubts, without_halo, without_specks
 
 DIFFERENT = 15.0
 """Smallest difference of the second color of a pixel from the first, gray levels."""
@@ -267,7 +267,8 @@ class SubjectModel:
                     total += np.where(alike, found[other][0], found[t][0])
             evidence = found[t][1]
             for c, (decision, own, support) in enumerate(zip(total, evidence.own, evidence.support, strict=True)):
-                out[t, c] = with_doubts(without_specks(decision > 0, support), own, support)
+                mask = without_halo(decision > 0, difference(frames[t, c], self.backgrounds[c]))
+                out[t, c] = with_doubts(without_specks(mask, support), own, support)
         return self.with_border_opacity(out, frames)
 
     def with_border_opacity(self, masks: np.ndarray, frames: np.ndarray) -> np.ndarray:

@@ -145,3 +145,20 @@ def _broad(pixels: np.ndarray) -> np.ndarray:
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
     core = cv2.erode(pixels.astype(np.uint8), cross, borderValue=1)
     return pixels & (cv2.dilate(core, cross, iterations=3) > 0)
+
+
+def without_halo(mask: np.ndarray, difference: np.ndarray) -> np.ndarray:
+    """Return a mask [H, W] bool without border pixels that show more of the background than of the subject.
+
+    A pixel on the border mixes both. It differs from the background by less than half of what its neighbors within the mask do.
+
+    Args:
+        mask: [H, W] bool.
+        difference: [H, W] float32, difference from the background, infinite where the background is unknown.
+    """
+    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    border = mask & (cv2.erode(mask.astype(np.uint8), cross, borderValue=1) == 0)
+    strongest = cv2.dilate(
+        np.where(mask & np.isfinite(difference), difference, np.float32(0)), np.ones((3, 3), np.uint8)
+    )
+    return mask & ~(border & (difference < 0.5 * strongest))
