@@ -14,6 +14,7 @@ import tyro
 from tyro.conf import Positional
 
 from record import record
+from splatreel.capture.masks import MaskedCapture
 from splatreel.capture.opening import open_capture
 from splatreel.codec.reader import ReelReader
 from splatreel.evaluation.metrics import psnr
@@ -50,6 +51,7 @@ def main(
     others = [camera.name for camera in everything.cameras if camera.name not in cameras.split(",")]
     everything.close()
     source = open_capture(capture, width=width, held_out=[], leave_out=others, masks=masks)
+    assert isinstance(source, MaskedCapture)
     names = [camera.name for camera in source.cameras]
     timeline = Timeline(ReelReader(reel))
     frames = range(min(timeline.reel.frames, source.frames))
@@ -95,7 +97,7 @@ def draw_over(timeline: Timeline, frame: int, camera: Camera, behind: np.ndarray
     gaussians, manifest = timeline.at(frame / timeline.fps), timeline.manifest
     seen = timeline.seen(gaussians, camera)
     black, white = (
-        render_image(seen, camera, near=manifest.near, antialias=manifest.antialias, background=(level,) * 3)
+        render_image(seen, camera, near=manifest.near, antialias=manifest.antialias, background=(level, level, level))
         for level in (0, 1)
     )
     return (black + (white - black) * behind).clip(0, 1).astype(np.float32)
