@@ -11,7 +11,18 @@ from PIL import Image
 
 from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Capture
-from splatreel.capture.masks import LIKELY, PALETTE, UNLIKELY, MaskedCapture, is_doubtful, read_mask_record
+from splatreel.capture.masks import (
+    DOUBT,
+    LIKELY,
+    PALETTE,
+    UNLIKELY,
+    MaskedCapture,
+    is_doubtful,
+    level_of_opacity,
+    opacity_of_level,
+    read_mask_record,
+    without_mixing,
+)
 from splatreel.capture.opening import open_capture
 from splatreel.scene.camera import Camera
 from splatreel.scene.reel_source import ReelSource
@@ -395,12 +406,41 @@ def test_pixels_in_doubt_show_what_is_likely() -> None:
     doubtful = (levels >= 64) & (levels < 192)
     alpha = capture.alpha(0, 1, names)[0]
     assert np.array_equal(alpha[0][doubtful], np.where(levels < 128, UNLIKELY, LIKELY)[doubtful])
-    assert np.array_equal(alpha[0][~doubtful], levels[~doubtful])
+    assert np.array_equal(is_doubtful(alpha[0]), doubtful)
     likely, unlikely = doubtful & (levels >= 128), doubtful & (levels < 128)
     found, seen = capture.read(0, 1, names)[0], scene.read(0, 1, names)[0]
     assert np.array_equal(found[:, likely], seen[:, likely])
-    for image, name in zip(found, names, strict=True):
+    opacity = np.where(doubtful, np.where(levels < 128, np.uint8(0), np.uint8(255)), opacity_of_level(levels))
+    for image, plain, name in zip(found, seen, names, strict=True):
         assert (image[unlikely] == 255 * np.array(capture.backgrounds[name])).all()
+        share = opacity[..., None] / 255
+        expected = share * without_mixing(plain, opacity) + (1 - share) * 255 * np.array(capture.backgrounds[name])
+        np.testing.assert_allclose(image, expected, atol=0.51)
+
+
+def test_levels_out_of_doubt_tell_the_opacity() -> None:
+    opacities = np.arange(256, dtype=np.uint8)
+    levels = level_of_opacity(opacities)
+    assert not ((levels >= DOUBT[0]) & (levels < DOUBT[1])).any()
+    found = opacity_of_level(levels)
+    assert not is_doubtful(found).any()
+    assert np.abs(found.astype(int) - opacities).max() == 1
+    assert found[[0, -1]].tolist() == [0, 255]
+
+
+def test_mixed_border_pixels_show_the_subject_alone() -> None:
+    """A red body before a gray wall, one column of whose border mixes both."""
+    image = np.full((8, 9, 3), 128, np.uint8)
+    image[:, :4] = 200, 20, 30
+    opacity = np.zeros((8, 9), np.uint8)
+    opacity[:, :4], opacity[:, 4] = 255, 100
+    image[:, 4] = 156, 86, 90
+    found = without_mixing(image, opacity)
+    assert (found[:, :5] == (200, 20, 30)).all()
+    assert np.array_equal(found[:, 5:], image[:, 5:])
+    alone = np.zeros_like(opacity)
+    alone[:, 4] = 100
+    assert np.array_equal(without_mixing(image, alone), image)
 
 
 def test_opacities_of_soft_masks_are_never_in_doubt() -> None:

@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import cycle
+from itertools import cycle, product
 from pathlib import Path
 from typing import Any, Protocol, cast
 
@@ -38,7 +38,8 @@ MADE_MASKS = "masks"
 LIKELY_GRAY, UNLIKELY_GRAY = 160, 96
 """Gray levels of pixels in masks of `capture masks` that may or may not show the subject: more likely, and less likely."""
 DOUBT = 64, 192
-"""Gray levels between which a pixel of these masks is in doubt. An image editor may have smoothed them."""
+"""Gray levels between which a pixel of these masks is in doubt. An image editor may have smoothed them. The other levels tell the
+opacity (`level_of_opacity`)."""
 RECORD = "splatreel-masks.json"
 """File in a folder of masks that `capture masks` made. Its masks belong to undistorted images. Masks of a video are named by the
 numbers of its frames, six digits from 000000 on."""
@@ -159,7 +160,7 @@ class MaskFiles:
 
     @property
     def have_doubts(self) -> bool:
-        """True if gray is doubt (`DOUBT`) instead of opacity."""
+        """True for masks of `capture masks`: middle gray levels are doubt (`DOUBT`), and the images are mixed along borders."""
         return self._record is not None and self._record.get("doubts") is True
 
     @property
@@ -331,7 +332,7 @@ class Masks(Protocol):
 
     @property
     def have_doubts(self) -> bool:
-        """True if gray is doubt (`DOUBT`) instead of opacity."""
+        """True for masks of `capture masks`: middle gray levels are doubt (`DOUBT`), and the images are mixed along borders."""
         ...
 
     def read(self, first: int, count: int, name: str) -> np.ndarray:
@@ -404,7 +405,8 @@ class MaskedCapture(Capture):
         """Return the opacity of the subject, [count, len(cameras), H, W] uint8, `UNLIKELY` or `LIKELY` where masks do not tell."""
         levels = np.stack([self._masks.read(self.first_frame + first, count, name) for name in cameras], 1)
         if self._masks.have_doubts:
-            return np.where(_in_doubt(levels), np.where(levels < LIKELY, np.uint8(UNLIKELY), np.uint8(LIKELY)), levels)
+            likely = np.where(levels < LIKELY, np.uint8(UNLIKELY), np.uint8(LIKELY))
+            return np.where(_in_doubt(levels), likely, opacity_of_level(levels))
         return np.where(
             levels == UNLIKELY, np.uint8(UNLIKELY - 1), np.where(levels == LIKELY, np.uint8(LIKELY + 1), levels)
         )
@@ -418,11 +420,13 @@ class MaskedCapture(Capture):
         levels = self._masks.read(first, len(out), name)
         if self._masks.have_doubts:
             levels = np.where(_in_doubt(levels), np.where(levels < LIKELY, np.uint8(0), np.uint8(255)), levels)
+            levels = opacity_of_level(levels)
         for image, alpha in zip(out, levels, strict=True):
             if self._is_composed:
                 image += over_color(np.zeros_like(image), alpha, color)
             else:
-                image[:] = over_color(image, alpha, color)
+                seen = without_mixing(image, alpha) if self._masks.have_doubts else image
+                image[:] = over_color(seen, alpha, color)
 
     def _missing(self, first: int, count: int, name: str) -> np.ndarray:
         return self._capture.missing(first - self._capture.first_frame, count, [name])[:, 0]
@@ -461,6 +465,51 @@ class MaskedCapture(Capture):
 def is_doubtful(alpha: np.ndarray) -> np.ndarray:
     """Return which opacities [...] uint8 are in doubt, [...] bool."""
     return (alpha == UNLIKELY) | (alpha == LIKELY)
+
+
+def level_of_opacity(opacity: np.ndarray) -> np.ndarray:
+    """Return the gray levels [...] uint8, none in `DOUBT`, by which masks of `capture masks` tell opacities [...] uint8."""
+    return np.where(opacity < LIKELY, opacity // 2, 128 + opacity // 2).astype(np.uint8)
+
+
+def opacity_of_level(levels: np.ndarray) -> np.ndarray:
+    """Return the opacities [...] uint8 that gray levels [...] uint8 out of doubt tell, never `UNLIKELY` or `LIKELY`."""
+    return np.where(levels < LIKELY, 2 * levels, 2 * levels - 255).astype(np.uint8)
+
+
+BORDER_REACH = 2
+"""Distance, pixels, within which the subject's color at a border pixel is looked for."""
+
+
+def inner_colors(image: np.ndarray, inside: np.ndarray, border: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the color of the subject at its border pixels, by the nearest pixels inside.
+
+    Args:
+        image: [H, W, 3] uint8.
+        inside: [H, W] bool, pixels that show nothing but the subject.
+        border: [H, W] bool, N pixels that may also show what is behind it.
+
+    Returns:
+        Colors [N, 3] float32, 0..255, in the order of `np.nonzero(border)`, and whether there are pixels inside nearby, [N] bool.
+    """
+    rows, columns = np.nonzero(border)
+    total, weights = np.zeros((len(rows), 3), np.float32), np.zeros((len(rows), 1), np.float32)
+    reach = range(-BORDER_REACH, BORDER_REACH + 1)
+    for down, right in product(reach, reach):
+        row, column = (rows + down).clip(0, inside.shape[0] - 1), (columns + right).clip(0, inside.shape[1] - 1)
+        weight = inside[row, column, None] * np.float32(np.exp(-(down**2 + right**2) / 2))
+        total += weight * image[row, column]
+        weights += weight
+    return total / np.maximum(weights, 1e-6), weights[:, 0] > 0
+
+
+def without_mixing(image: np.ndarray, opacity: np.ndarray) -> np.ndarray:
+    """Return an image [H, W, 3] uint8 whose partly transparent pixels show the subject alone. `opacity` is [H, W] uint8."""
+    border = (opacity > 0) & (opacity < 255)
+    colors, known = inner_colors(image, opacity == 255, border)
+    found = image.copy()
+    found[border] = np.where(known[:, None], colors.round(), image[border])
+    return found
 
 
 def _in_doubt(levels: np.ndarray) -> np.ndarray:

@@ -41,7 +41,7 @@ def capture_masks(
     Args:
         capture: Folder or address of the videos or images and their cameras.
         out: New folder. It gets a folder of images for each camera, white where the images show the subject, gray where that is in
-            doubt.
+            doubt. Levels below 64 and from 192 on tell how much of a border pixel the subject fills.
         clean_plate: Folder with an image, a folder of images or a video without the subject for each camera, filmed with the same
             settings. It is needed for people who never move; by default backgrounds are found in the capture itself.
         width: Largest width of the masks, in pixels.

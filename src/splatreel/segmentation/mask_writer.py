@@ -38,7 +38,7 @@ DISAGREEING = 0.3
 """Area in doubt, relative to that of the subject, above which a camera is reported."""
 FAINTEST = 0.0005
 """Smallest share of the images that a subject covers, at least in one camera and moment."""
-VERSION = 5
+VERSION = 6
 NOTHING_MOVES = (
     "nothing moves in this capture, so there is no subject to find. If somebody stands still, film the scene without them, and give "
     "these images or videos with --clean-plate FOLDER."
@@ -141,7 +141,7 @@ def _masks(capture: FileCapture, model: SubjectModel, steps: list[int], segmente
         return masks
     pairs = zip(masks, frames[own], strict=True)
     completed = np.stack([segmenter.complete(mask > 127, images) for mask, images in pairs])
-    return np.where(completed, np.uint8(255), np.uint8(0))
+    return model.with_border_opacity(np.where(completed, np.uint8(255), np.uint8(0)), frames[own])
 
 
 def _existing(capture: FileCapture, first: int, count: int) -> np.ndarray:

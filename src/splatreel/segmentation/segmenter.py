@@ -13,6 +13,7 @@ from splatreel.base import threads
 from splatreel.method.init.layout import upright
 from splatreel.scene.camera import Camera
 from splatreel.segmentation.background import MIN_SAMPLES, Background, fit_background, largest_channel, same_light
+from splatreel.segmentation.borders import with_border_opacity
 from splatreel.segmentation.evidence import LIMIT, Agreement, ColorModel, difference, subject_evidence, with_floor
 from splatreel.segmentation.people import People, people_free, squares_around, without_repeats
 from splatreel.segmentation.smoothing import decide, with_doubts, without_halo, without_specks
@@ -252,8 +253,8 @@ class SubjectModel:
     def masks(self, frames: np.ndarray, there: np.ndarray | None = None) -> np.ndarray:
         """Return the masks [T, C, H, W] uint8 of consecutive frames [T, C, H, W, 3] uint8.
 
-        White is the subject and black its surroundings. LIKELY_GRAY and UNLIKELY_GRAY are in doubt. Cameras that are not
-        `there` [T, C] bool say nothing, and their masks mean nothing.
+        White is the subject and black its surroundings. LIKELY_GRAY and UNLIKELY_GRAY are in doubt. Other gray levels tell the opacity
+        of border pixels. Cameras that are not `there` [T, C] bool say nothing, and their masks mean nothing.
         """
         there = np.ones(frames.shape[:2], bool) if there is None else there
         found = [self.decisions(*pair) for pair in zip(frames, there, strict=True)]
@@ -267,9 +268,13 @@ class SubjectModel:
             evidence = found[t][1]
             for c, (decision, own, support) in enumerate(zip(total, evidence.own, evidence.support, strict=True)):
                 mask = without_halo(decision > 0, difference(frames[t, c], self.backgrounds[c]))
-                mask = without_specks(mask, support)
-                out[t, c] = with_doubts(mask, own, support)
-        return out
+                out[t, c] = with_doubts(without_specks(mask, support), own, support)
+        return self.with_border_opacity(out, frames)
+
+    def with_border_opacity(self, masks: np.ndarray, frames: np.ndarray) -> np.ndarray:
+        """Return masks [T, C, H, W] uint8 of frames [T, C, H, W, 3] uint8 with the opacities of their borders (`borders`)."""
+        jobs = [job for pair in zip(masks, frames, strict=True) for job in zip(*pair, self.backgrounds, strict=True)]
+        return np.stack(threads.map_parallel(lambda job: with_border_opacity(*job), jobs)).reshape(masks.shape)
 
 
 def fit_subject(
