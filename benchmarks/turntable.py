@@ -22,26 +22,24 @@ OPAQUE = 0.5
 """Opacity above which points count for the size of the subject."""
 SPAN = 0.02, 0.98
 """Quantiles of positions between which the subject is. Single points may float beside it."""
-ASPECT = 2 / 3
-"""Width of a picture, as a share of its height."""
 MARGIN = 1.3
-"""Height of what a picture shows at the middle of the subject, as a multiple of the height of the subject."""
+"""Size of what a picture shows at the middle of the subject, as a multiple of the size of the subject."""
 DISTANCE = 2.5
-"""Distance of the cameras from the subject, as a multiple of its height."""
+"""Distance of the cameras from the subject, as a multiple of its size."""
 
 
-def main(reel: Positional[Path], out: Positional[Path], /, frames: str | None = None, height: int = 320) -> None:
+def main(reel: Positional[Path], out: Positional[Path], /, frames: str | None = None, pixels: int = 320) -> None:
     """Write the sheet.
 
     Args:
         reel: The reel, or the output folder of a reconstruction.
         out: Image to write.
         frames: Numbers of frames, as A,B,C; by default the first, the middle and the last.
-        height: Height of one picture in pixels.
+        pixels: Width and height of one picture.
     """
     timeline = open_reel(reel)
     chosen = [int(frame) for frame in frames.split(",")] if frames else first_middle_last(len(timeline))
-    write_sheet(timeline, chosen, out, height)
+    write_sheet(timeline, chosen, out, pixels)
 
 
 def first_middle_last(count: int) -> list[int]:
@@ -49,24 +47,24 @@ def first_middle_last(count: int) -> list[int]:
     return sorted({0, count // 2, count - 1})
 
 
-def write_sheet(timeline: Timeline, frames: list[int], out: Path, height: int = 320) -> None:
+def write_sheet(timeline: Timeline, frames: list[int], out: Path, pixels: int = 320) -> None:
     """Draw frames from all sides, and write the sheet as an image."""
     rows = []
     for frame in frames:
         points = timeline[frame]
-        views = sides(points, timeline.manifest.up, height)
+        views = sides(points, timeline.manifest.up, pixels)
         rows.append(np.concatenate([timeline.render(points, view) for view in views], 1))
     out.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(np.rint(255 * np.concatenate(rows)).astype(np.uint8)).save(out)
 
 
-def sides(points: Gaussians, up: np.ndarray, height: int) -> list[Camera]:
+def sides(points: Gaussians, up: np.ndarray, pixels: int) -> list[Camera]:
     """Return cameras on a circle around the opaque points, which look at their middle.
 
     Args:
         points: Gaussians of the subject.
         up: Unit up direction, [3].
-        height: Height of the images in pixels.
+        pixels: Width and height of the images.
     """
     ahead = np.cross(up, np.eye(3)[np.abs(up).argmin()])
     ahead /= np.linalg.norm(ahead)
@@ -74,13 +72,13 @@ def sides(points: Gaussians, up: np.ndarray, height: int) -> list[Camera]:
     axes = np.stack([ahead, aside, up], 1)
     low, high = np.quantile(points.means[points.opacities > OPAQUE] @ axes, SPAN, axis=0)
     middle = axes @ ((low + high) / 2)
-    size = max(high[2] - low[2], math.hypot(*(high - low)[:2]) / ASPECT)
+    size = max(math.hypot(*(high - low)[:2]), high[2] - low[2])
     found = []
     for k in range(SIDES):
         turn, rise = 2 * math.pi * k / SIDES, math.radians(ELEVATION)
         away = math.cos(rise) * (math.cos(turn) * ahead + math.sin(turn) * aside) + math.sin(rise) * up
         center = middle + DISTANCE * size * away
-        found.append(facing(str(k), center, -away, DISTANCE * height / MARGIN, round(ASPECT * height), height, up))
+        found.append(facing(str(k), center, -away, DISTANCE * pixels / MARGIN, pixels, pixels, up))
     return found
 
 

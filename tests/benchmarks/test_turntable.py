@@ -40,9 +40,9 @@ def test_all_sides_show_the_whole_subject(turntable: ModuleType, up: tuple, exte
 
 
 def test_sheet_has_a_row_for_each_frame(turntable: ModuleType, tmp_path: Path) -> None:
-    turntable.main(SAMPLE, tmp_path / "sheets" / "sheet.png", frames="0,5", height=30)
+    turntable.main(SAMPLE, tmp_path / "sheets" / "sheet.png", frames="0,5", pixels=30)
     sheet = np.asarray(Image.open(tmp_path / "sheets" / "sheet.png"))
-    assert sheet.shape == (60, 160, 3)
+    assert sheet.shape == (60, 240, 3)
     assert all(part.std() > 5 for row in np.split(sheet, 2) for part in np.split(row, 8, 1))
 
 
