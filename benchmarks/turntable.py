@@ -11,7 +11,7 @@ import tyro
 from PIL import Image
 from tyro.conf import Positional
 
-from splatreel.play.timeline import Timeline, open_reel
+from splatreel.play.timeline import Timeline, draw_on_cpu, open_reel
 from splatreel.scene.camera import Camera, facing
 from splatreel.scene.gaussians import Gaussians
 
@@ -26,6 +26,9 @@ MARGIN = 1.3
 """Size of what a picture shows at the middle of the subject, as a multiple of the size of the subject."""
 DISTANCE = 2.5
 """Distance of the cameras from the subject, as a multiple of its size."""
+
+GRAY = 0.5, 0.5, 0.5
+"""Color behind the subject, on which dark hair, white shirts, holes and halos show."""
 
 
 def main(reel: Positional[Path], out: Positional[Path], /, frames: str | None = None, pixels: int = 320) -> None:
@@ -53,9 +56,16 @@ def write_sheet(timeline: Timeline, frames: list[int], out: Path, pixels: int = 
     for frame in frames:
         points = timeline[frame]
         views = sides(points, timeline.manifest.up, pixels)
-        rows.append(np.concatenate([timeline.render(points, view) for view in views], 1))
+        rows.append(np.concatenate([timeline.render(points, view, on_gray) for view in views], 1))
     out.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(np.rint(255 * np.concatenate(rows)).astype(np.uint8)).save(out)
+
+
+def on_gray(
+    points: Gaussians, camera: Camera, near: float, antialias: bool, _: tuple[float, float, float]
+) -> np.ndarray:
+    """Draw as `draw_on_cpu`, in front of gray instead of the background of the reel."""
+    return draw_on_cpu(points, camera, near, antialias, GRAY)
 
 
 def sides(points: Gaussians, up: np.ndarray, pixels: int) -> list[Camera]:
