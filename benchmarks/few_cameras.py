@@ -40,6 +40,8 @@ from splatreel.segmentation.people import find_people
 from turntable import first_middle_last, write_sheet
 
 METRICS = ("psnr", "ssim", "lpips")
+Masks = Literal["given", "automatic", "automatic, networks"]
+"""Masks of the user, or those of `capture masks`, with or without networks of people."""
 
 
 @dataclass(frozen=True)
@@ -49,14 +51,14 @@ class Row:
     Attributes:
         capture: Name of the capture.
         cameras: Names of the cameras to train on.
-        masks: What the masks are that it is trained on: those of the user, or those of `capture masks`, with or without networks.
+        masks: The masks that it is trained on.
         span: Frames A to B - 1, as A:B.
         not_trained: Names of the cameras that are compared.
     """
 
     capture: str
     cameras: list[str]
-    masks: Literal["given", "automatic", "automatic, networks"]
+    masks: Masks
     quality: Quality
     width: int
     span: str
@@ -111,12 +113,10 @@ def main(
     if both := sorted({name for one in sets for name in one} & set(others)):
         raise SystemExit(f"{', '.join(both)}: cannot be both trained on and compared. Change --chosen or --compared.")
     called = capture.name if capture.name != "capture" else capture.parent.name  # films are in FILM/capture
-    made = "automatic, networks" if find_people() else "automatic"
-    rows = [
-        Row(called, one, kind, quality, width, frames, seed, others)
-        for one in sets
-        for kind in (("given", made) if automatic else ("given",))
-    ]
+    kinds: list[Masks] = ["given"]
+    if automatic:
+        kinds.append("automatic, networks" if find_people() else "automatic")
+    rows = [Row(called, one, kind, quality, width, frames, seed, others) for one in sets for kind in kinds]
 
     def measure_row(row: Row) -> dict[str, Any]:
         return measure(row, capture, masks, within or masks, [n for n in names if n not in row.cameras], out)
@@ -161,7 +161,7 @@ def measure(row: Row, capture: Path, masks: Path, within: Path, unread: list[str
     if row.masks != "given":
         masks = folder / MADE_MASKS
         make_masks(CaptureSource(capture, request), masks, None)
-    config = changed(preset(row.quality), {"seed": row.seed, "check_coverage": False})  # its trial changes no reel
+    config = changed(preset(row.quality), {"seed": row.seed, "check_coverage": False})  # its trial changes no points
     with (
         closing(open_capture(capture, width=row.width, masks=masks, **request)) as trained,
         closing(console()) as shown,

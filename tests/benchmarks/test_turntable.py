@@ -25,7 +25,7 @@ def test_all_sides_show_the_whole_subject(turntable: ModuleType, up: tuple, exte
     means = ([5.0, 1.0, -2.0] + rng.uniform(-0.5, 0.5, (2000, 3)) * extent).astype(np.float32)
     means[0] += 100  # floats far away, faintly
     opacities = np.where(np.arange(2000) == 0, 0.1, 0.9).astype(np.float32)
-    quats = np.tile(np.float32([1, 0, 0, 0]), (2000, 1))
+    quats = np.tile(np.array([1, 0, 0, 0], np.float32), (2000, 1))
     points = Gaussians(
         means, quats, np.full((2000, 3), 0.01, np.float32), opacities, np.zeros((2000, 1, 3), np.float32)
     )
