@@ -37,7 +37,19 @@ def record(benchmark: str, values: dict, note: str = "", results: Path = RESULTS
 
 def revision() -> str:
     """Return the short hash of the commit, with + if tracked files differ from it; `unknown` outside of a checkout."""
-    named = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True)
+    return _git_name("HEAD")
+
+
+def source() -> str:
+    """Return git's name of src, with + if files differ from it; `unknown` outside of a checkout.
+
+    Unlike the commit, it stays the same when results are committed.
+    """
+    return _git_name("HEAD:src")
+
+
+def _git_name(what: str) -> str:
+    named = subprocess.run(["git", "rev-parse", "--short", what], cwd=ROOT, capture_output=True, text=True)
     if named.returncode != 0:
         return "unknown"
     changed = subprocess.run(["git", "diff", "--quiet", "HEAD", "--", "src"], cwd=ROOT, capture_output=True)

@@ -14,7 +14,6 @@ import json
 import multiprocessing
 import os
 import shutil
-import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -28,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 import scaling_page
-from record import RESULTS, ROOT, machine, record
+from record import RESULTS, machine, record, source
 from resident import Resident
 from splatreel.base import threads
 from splatreel.base.errors import SplatreelError
@@ -292,18 +291,6 @@ def ends(store: "Store") -> list[float]:
     """Return when each group was finished, in seconds since the epoch."""
     count = store.finished_groups()
     return [(store.group(index).folder / "group.safetensors").stat().st_mtime for index in range(count)]
-
-
-def source() -> str:
-    """Return git's name of src, with + if files differ from it; `unknown` outside of a checkout.
-
-    Unlike the commit, it stays the same when results are committed.
-    """
-    named = subprocess.run(["git", "rev-parse", "--short", "HEAD:src"], cwd=ROOT, capture_output=True, text=True)
-    if named.returncode != 0:
-        return "unknown"
-    changes = subprocess.run(["git", "diff", "--quiet", "HEAD", "--", "src"], cwd=ROOT, capture_output=True)
-    return named.stdout.strip() + ("+" if changes.returncode else "")
 
 
 if __name__ == "__main__":

@@ -1,15 +1,24 @@
 """Tests of `method/train/subject.py`."""
 
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 
 from splatreel.capture.masks import LIKELY
 from splatreel.config import KeyframeConfig
 from splatreel.kernels import photometric, splat
+from splatreel.method.train.dynamic_points import DynamicPoints
 from splatreel.method.train.keyframe_trainer import starting_points
-from splatreel.method.train.render import View, deformed, draw
-from splatreel.method.train.subject import bound_colors, opposite_view, seen_shares, spread_colors, with_opposite
+from splatreel.method.train.render import StaticCache, View, deformed, draw
+from splatreel.method.train.subject import (
+    bound_colors,
+    opposite_view,
+    seen_shares,
+    spread_colors,
+    spread_colors_of_group,
+    with_opposite,
+)
 from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import C0, Gaussians
@@ -120,11 +129,30 @@ def test_hidden_points_have_no_share() -> None:
 def test_hidden_point_takes_the_color_around_it() -> None:
     points, images = wall(0.9)
     before = points.params["sh_base"].copy()
-    spread_colors(points, images, None)
+    spread_colors(points, seen_shares(points, images, None))
     color = 0.5 + C0 * points.params["sh_base"][:, 0]
     np.testing.assert_allclose(color[-1], np.full(3, 0.1), atol=0.02)
     assert np.abs(points.params["sh_rest"][-1]).max() < 0.01
     np.testing.assert_allclose(points.params["sh_base"][:-1], before[:-1], atol=0.02)
+
+
+class Rising:
+    """Motion of the last point of a wall: from behind the wall to in front of it, along -z."""
+
+    def offsets(self, means: np.ndarray, moment: float) -> tuple[np.ndarray, np.ndarray]:
+        dx, dq = np.zeros_like(means), np.tile(np.array([1, 0, 0, 0], np.float32), (len(means), 1))
+        dx[-1, 2] = -0.2 * moment
+        return dx, dq
+
+
+def test_points_of_a_group_keep_their_color_if_any_frame_shows_them() -> None:
+    for frames, kept in ((1, False), (6, True)):
+        points, images = wall(0.9)
+        images = replace(images, pixels=np.zeros((frames, 1, 32, 48, 3), np.uint8))
+        static = StaticCache(Gaussians.empty(1), images.views, images.near)
+        spread_colors_of_group(DynamicPoints(points, cast(Any, Rising()), None), images, static)
+        color = 0.5 + C0 * points.params["sh_base"][-1, 0]
+        np.testing.assert_allclose(color, np.full(3, 0.9 if kept else 0.1), atol=0.02)
 
 
 def test_colors_stay_within_what_images_hold() -> None:

@@ -29,6 +29,7 @@ from splatreel.method.train.losses import GROUP, Terms, psnr, weight_of
 from splatreel.method.train.programs import MOST_DRAWS, Draw, GroupProgram, GroupState
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.render import StaticCache, draw
+from splatreel.method.train.subject import spread_colors_of_group
 from splatreel.method.train.terms.rigidity import Rigidity, choose_rank
 from splatreel.method.train.terms.smoothness import Smoothness, choose_span
 from splatreel.method.train.terms.term import Neighbors
@@ -248,6 +249,8 @@ class GroupTrainer:
                 done = self._continue_without_gpu(error, progress)
         self.recovery.release_state()
         self.program = None
+        if self.images.opposite is not None:
+            spread_colors_of_group(self.points, self.images, self.static)
         quality = self.psnr()
         progress.update(self.iterations, moving=len(self.points), psnr=quality)
         progress.note(f"PSNR of the group's training images: {quality:.1f} dB")

@@ -27,7 +27,7 @@ from splatreel.method.train.losses import GROWTH, KEYFRAME, Terms, psnr
 from splatreel.method.train.programs import MOST_DRAWS, KeyframeDraw, KeyframeProgram, KeyframeState
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.render import StaticCache, View, deformed, draw
-from splatreel.method.train.subject import spread_colors
+from splatreel.method.train.subject import seen_shares, spread_colors
 from splatreel.method.train.trainable_points import NAMES, TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import C0, Gaussians
@@ -184,7 +184,7 @@ class KeyframeTrainer:
         self.program = None
         self.density.prune(images.unit, self.done / total)
         if images.opposite is not None:
-            spread_colors(self.points, images, static)
+            spread_colors(self.points, seen_shares(self.points, images, static))
 
     def _finish_iteration(
         self, images: TrainingImages, static: StaticCache | None, total: int, average: Average
@@ -194,7 +194,7 @@ class KeyframeTrainer:
         changes = self.density.is_due(self.done, share, averaged) or self._changes_detail(total)
         self.density.update(self.done, share, images, averaged, self.config.detail and static is None)
         if images.opposite is not None and self.density.is_due(self.done, share, averaged):
-            spread_colors(self.points, images, static)
+            spread_colors(self.points, seen_shares(self.points, images, static))
         if self._changes_detail(total):
             self._change_detail(images, total)
         if changes and self.program is not None:

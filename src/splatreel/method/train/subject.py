@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from splatreel.base.paged_arrays import frame_array
 from splatreel.capture.masks import is_doubtful
 from splatreel.kernels import splat
+from splatreel.kernels.splat import Splats
+from splatreel.method.train.dynamic_points import DynamicPoints
 from splatreel.method.train.render import StaticCache, View, contributions, deformed
 from splatreel.method.train.trainable_points import TrainablePoints
 from splatreel.method.train.training_images import TrainingImages
@@ -62,17 +66,17 @@ LEAST = 1e-4
 """Weight of a point that no view shows, as a share of one that a view shows."""
 
 
-def spread_colors(points: TrainablePoints, images: TrainingImages, static: StaticCache | None) -> None:
+def spread_colors(points: TrainablePoints, seen: np.ndarray) -> None:
     """Give points that no view shows well the mean color of their neighbors. It depends on the view as little as they are seen.
 
     Few cameras leave much of a surface unseen, or see it along its edge. The color of a point there fits a few mixed
-    pixels, and a novel view shows it at full size.
+    pixels, and a novel view shows it at full size. `seen` [N] are the shares of the points that views show (`seen_shares`).
     """
     count = min(NEIGHBORS + 1, len(points) - 1)
     if count < 1:
         return
     params = points.params
-    own = np.square((seen_shares(points, images, static) / SEEN).clip(0, 1))
+    own = np.square((seen / SEEN).clip(0, 1))
     index, distance = splat.nearest_neighbors(points.means, count)
     closeness = 1 / (distance + max(np.quantile(distance[:, 0], 0.5, method="lower"), np.float32(1e-9)))
     base = params["sh_base"][:, 0].copy()
@@ -86,17 +90,42 @@ def spread_colors(points: TrainablePoints, images: TrainingImages, static: Stati
     params["sh_rest"] *= own[:, None, None]
 
 
-def seen_shares(points: TrainablePoints, images: TrainingImages, static: StaticCache | None) -> np.ndarray:
-    """Return how much of each point's broad side is shown, [N]: the largest share over the views, 0..1."""
+def seen_shares(
+    points: TrainablePoints,
+    images: TrainingImages,
+    static: StaticCache | None,
+    project: Callable[[View], Splats] | None = None,
+) -> np.ndarray:
+    """Return how much of each point's broad side is shown, [N]: the largest share over the views, 0..1.
+
+    `project` projects the points into a view; None projects them where they are.
+    """
     _, middle, broad = np.sort(points.scales, 1).T
     found = np.zeros_like(middle)
     for camera, view in enumerate(images.views):
-        splats = deformed(points.params, None, None, view, images.near)
+        splats = project(view) if project else deformed(points.params, None, None, view, images.near)
         shown = contributions(splats, view, None if static is None else static.view(camera))
         size = view.K[0, 0] / np.maximum(splats.depths, images.near)
         area = 2 * math.pi * np.sqrt(np.square(middle * size) + 0.1) * np.sqrt(np.square(broad * size) + 0.1)
         found = np.maximum(found, shown / np.maximum(points.opacities * area, 1e-6))
     return np.minimum(found, 1)
+
+
+MOST_FRAMES = 8
+"""Largest number of frames, spread over a group, that are searched for views that show a point."""
+
+
+def spread_colors_of_group(points: DynamicPoints, images: TrainingImages, static: StaticCache) -> None:
+    """Spread colors to the points of a group that no view shows well at any frame (`spread_colors`).
+
+    The motion of a group is trained long after its keyframe. Colors that no view shows well change meanwhile.
+    """
+    seen = np.zeros(len(points), np.float32)
+    for frame in np.unique(np.linspace(0, images.count - 1, MOST_FRAMES).round().astype(int)).tolist():
+        changes = points.changes(frame)
+        project = partial(points.splats, changes, near=images.near)
+        seen = np.maximum(seen, seen_shares(points.canonical, images, static, project))
+    spread_colors(points.canonical, seen)
 
 
 def bound_colors(points: TrainablePoints) -> None:
