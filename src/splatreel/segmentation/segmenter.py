@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 
 from splatreel.base import threads
+from splatreel.method.images.people import People, people_free, squares_around, without_repeats
 from splatreel.method.init.layout import upright
 from splatreel.scene.camera import Camera
 from splatreel.segmentation.background import MIN_SAMPLES, Background, fit_background, largest_channel, same_light
 from splatreel.segmentation.evidence import LIMIT, Agreement, ColorModel, difference, subject_evidence, with_floor
-from splatreel.segmentation.people import People, people_free, squares_around, without_repeats
 from splatreel.segmentation.smoothing import decide, with_doubts, without_halo, without_specks
 
 DIFFERENT = 15.0
