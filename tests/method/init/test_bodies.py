@@ -1,5 +1,7 @@
 """Bodies within the hull of masks: ghosts between the cameras go, and what a mask shows stays."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -24,6 +26,11 @@ def person(places: np.ndarray) -> np.ndarray:
 
 def with_ball(places: np.ndarray) -> np.ndarray:
     return person(places) | (np.linalg.norm(places - BALL, axis=1) < 0.12)
+
+
+@cache
+def masks_of_person() -> np.ndarray:
+    return silhouettes(around(4), person)
 
 
 def hull_of(cameras: list[Camera], masks: np.ndarray) -> VisualHull:
@@ -55,7 +62,7 @@ def test_ghosts_go_and_masks_stay_covered(shape) -> None:
 
 def test_a_limb_without_landmarks_stays_covered() -> None:
     cameras = around(4)
-    masks = silhouettes(cameras, person)
+    masks = masks_of_person()
     skeleton = standing()
     skeleton.points[[14, 16, 18, 20, 22, 26, 28, 30, 32]] = np.nan
     hull = hull_of(cameras, masks)
@@ -65,14 +72,14 @@ def test_a_limb_without_landmarks_stays_covered() -> None:
 
 def test_far_places_and_hulls_without_people_are_unchanged() -> None:
     cameras = around(4)
-    masks = silhouettes(cameras, person)
+    masks = masks_of_person()
     hull = hull_of(cameras, masks)
     assert with_bodies(hull, [], cameras, masks) is hull
 
 
 def test_without_networks_the_hull_is_that_of_the_masks(monkeypatch: pytest.MonkeyPatch) -> None:
     cameras = around(4)
-    masks = silhouettes(cameras, person)
+    masks = masks_of_person()
     monkeypatch.setattr(bodies, "find_people", lambda: None)
     images = np.zeros((*masks.shape, 3), np.uint8)
     assert isinstance(subject_hull(cameras, images, masks.astype(np.uint8) * 255), VisualHull)
