@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 
 from splatreel.base import threads
-from splatreel.method.images.people import LANDMARKS, Landmarks, People, squares_around, without_repeats
-from splatreel.method.init.layout import upright
+from splatreel.method.images.people import LANDMARKS, People, squares_around, without_repeats
+from splatreel.method.init.layout import up_angles
 from splatreel.scene.camera import Camera
 from splatreel.scene.volumes import Volume
 
-NOSE, EARS = 0, (7, 8)
+EARS = (7, 8)
 SHOULDERS, ELBOWS, WRISTS = (11, 12), (13, 14), (15, 16)
 HANDS = ((17, 19, 21), (18, 20, 22))
 HIPS, KNEES, ANKLES, HEELS, TOES = (23, 24), (25, 26), (27, 28), (29, 30), (31, 32)
@@ -70,24 +70,19 @@ def find_skeletons(
         hull: Volume that all landmarks are in.
         people: Networks.
     """
-    up = upright(cameras)
+    angles = up_angles(cameras)
 
     def look(c: int) -> list[Seen]:
-        x, y, _ = cameras[c].viewmat[:3, :3] @ up
-        squares = people.find(images[c], float(np.arctan2(x, -y)))
-        found = [people.landmarks(images[c], s) for s in without_repeats(squares, squares_around(masks[c]))]
-        return [_seen(c, each) for each in found if each is not None]
+        squares = without_repeats(people.find(images[c], angles[c]), squares_around(masks[c]))
+        found = [people.landmarks(images[c], square) for square in squares]
+        return [Seen(c, each.points, each.visible, each.side) for each in found if each is not None]
 
     seen = [each for found in threads.map_parallel(look, range(len(cameras))) for each in found]
     return match_people(cameras, seen, hull)
 
 
-def _seen(camera: int, found: Landmarks) -> Seen:
-    return Seen(camera, found.points, found.visible, found.side)
-
-
 def match_people(cameras: Sequence[Camera], seen: Sequence[Seen], hull: Volume) -> list[Skeleton]:
-    """Return the skeletons of what several cameras show in agreement.
+    """Return the skeletons of what at least three cameras show in agreement, or two if there are only two.
 
     Each pair of images of a person gives a skeleton. The one that most other cameras confirm comes first, and takes its images.
     """
