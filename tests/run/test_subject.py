@@ -111,8 +111,8 @@ def test_networks_of_people_are_advised_before_few_cameras(monkeypatch: pytest.M
     class Notes(StopAt):
         said: ClassVar[list[str]] = []
 
-        def note(self, sentence: str) -> None:
-            self.said.append(sentence)
+        def note(self, text: str) -> None:
+            self.said.append(text)
 
     monkeypatch.setattr(preparation, "find_people", lambda: None)
     monkeypatch.setattr(preparation, "is_sparse", lambda cameras: True)
