@@ -16,8 +16,8 @@ from tyro.conf import Positional
 from record import record
 from splatreel.capture.images import read_image
 from splatreel.capture.opening import open_capture
+from splatreel.method.images.people import find_people
 from splatreel.segmentation.mask_writer import sample_moments
-from splatreel.segmentation.people import find_people
 from splatreel.segmentation.segmenter import fit_subject
 
 BLOB = 0.0025

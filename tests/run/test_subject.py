@@ -1,6 +1,7 @@
 """Reconstructions of a subject before a wall: by masks, and by a region."""
 
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from splatreel.config import Config, EncodeConfig
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.kernels.image import render_image
 from splatreel.play.timeline import open_reel
+from splatreel.run import preparation
 from splatreel.run.output.reencode import reencode
 from splatreel.run.pipeline import reconstruct
 from splatreel.scene.gaussians import C0, Gaussians
@@ -103,6 +105,20 @@ def test_masked_reel_shows_the_subject_alone(masked: Path) -> None:
     assert ReelReader(masked).manifest.transparent
     assert ReelReader(masked).manifest.source == ReelSource(0, (HELD_OUT,), part="masks")
     assert outside(masked) < 0.02
+
+
+def test_networks_of_people_are_advised_before_few_cameras(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    class Notes(StopAt):
+        said: ClassVar[list[str]] = []
+
+        def note(self, text: str) -> None:
+            self.said.append(text)
+
+    monkeypatch.setattr(preparation, "find_people", lambda: None)
+    monkeypatch.setattr(preparation, "is_sparse", lambda cameras: True)
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct(subject(), tmp_path, CONFIG, progress=Notes("training the first keyframe"))
+    assert [sentence for sentence in Notes.said if "Networks of people find skeletons too: pip install" in sentence]
 
 
 def test_evaluation_names_cameras_without_masks(masked: Path) -> None:

@@ -72,9 +72,9 @@ def make_masks(source: CaptureSource, folder: Path, clean_plate: Path | None, wi
         width: Largest width of the masks, pixels.
     """
     from splatreel.capture.file_capture import FileCapture
+    from splatreel.method.images.people import find_people
     from splatreel.method.layering.sam2 import find_sam2
     from splatreel.segmentation.mask_writer import write_masks
-    from splatreel.segmentation.people import find_people
 
     whole = replace(source, request=source.request | {"width": None, "scale": None})()
     own = whole.width

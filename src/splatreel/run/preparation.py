@@ -9,7 +9,9 @@ from splatreel.capture.base import Capture
 from splatreel.capture.mask_shares import describe_motion, describe_shares, describe_sizes, mask_shares
 from splatreel.codec.writer import ReelWriter
 from splatreel.method.cameras.rig import Rig, check_first_poses
+from splatreel.method.images.people import find_people, how_to_install
 from splatreel.method.init.layout import Layout, limits
+from splatreel.method.init.visual_hull import is_sparse
 from splatreel.method.prediction.quality import Coverage, cover, judge_poses
 from splatreel.method.train.single_frame import Subject, lay_out
 from splatreel.run.job import Job
@@ -40,6 +42,8 @@ def prepare(job: Job, capture: Capture, middle: int, lock: RunLock) -> tuple[Rig
         job.show("points", 1)
         known = capture.points, capture.point_colors, capture.near
         images, subject = first_images(capture, rig, frames[0])
+        if subject is not None and is_sparse(rig.cameras) and find_people() is None:
+            job.progress.note(f"masks alone tell the shape. Networks of people find skeletons too: {how_to_install()}")
         seeds, layout = lay_out(rig.cameras, images, job.config, *known, subject)
         check_region_holds(layout, rig, seeds.points)
         job.progress.update(1, points=len(seeds.points))

@@ -23,9 +23,9 @@ from splatreel.capture.images import encode_image
 from splatreel.capture.mask_shares import describe_shares
 from splatreel.capture.masks import DOUBT, RECORD, read_mask_record
 from splatreel.capture.time_steps import CountedSource
+from splatreel.method.images.people import People, how_to_install
 from splatreel.method.layering.masks import Segmenter
 from splatreel.segmentation.clean_plate import fitting_plates, read_clean_plates
-from splatreel.segmentation.people import People, how_to_install
 from splatreel.segmentation.segmenter import FIT_STEPS, SubjectModel, fit_subject
 
 SAMPLES = 30

@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 
 from splatreel.base import threads
-from splatreel.method.init.layout import upright
+from splatreel.method.images.people import People, people_free, squares_around, without_repeats
+from splatreel.method.init.layout import up_angles
 from splatreel.scene.camera import Camera
 from splatreel.segmentation.background import MIN_SAMPLES, Background, fit_background, largest_channel, same_light
 from splatreel.segmentation.borders import with_border_opacity
 from splatreel.segmentation.evidence import LIMIT, Agreement, ColorModel, difference, subject_evidence, with_floor
-from splatreel.segmentation.people import People, people_free, squares_around, without_repeats
 from splatreel.segmentation.smoothing import decide, with_doubts, without_halo, without_specks
 
 DIFFERENT = 15.0
@@ -362,13 +362,6 @@ def _fit_again(
 
 def _decided(images: np.ndarray, odds: np.ndarray) -> np.ndarray:
     return np.stack(threads.map_parallel(lambda c: decide(images[c], odds[c]), range(len(images))))
-
-
-def up_angles(cameras: Sequence[Camera]) -> list[float]:
-    """Return the angle of the scene's up direction in the image of each camera, radians clockwise from the image's up."""
-    up = upright(cameras)
-    ups = [camera.viewmat[:3, :3] @ up for camera in cameras]
-    return [float(np.arctan2(up[0], -up[1])) for up in ups]
 
 
 def _nobody(mask: np.ndarray, probability: np.ndarray) -> np.ndarray:

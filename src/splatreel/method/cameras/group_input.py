@@ -12,11 +12,12 @@ from splatreel.base.paged_arrays import frame_array, release_pages
 from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels.image import Backdrop, render_image
 from splatreel.method.cameras.rig import Rig
+from splatreel.method.init.bodies import subject_hull
 from splatreel.method.init.layout import Layout
-from splatreel.method.init.visual_hull import VisualHull
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import GroupSpan
+from splatreel.scene.volumes import Volume
 
 ENOUGH_SIDE = 768
 """Pixels of the longer side of images that are large enough to find out what moves."""
@@ -54,9 +55,9 @@ class GroupInput:
         return self.rig.cameras
 
     @property
-    def hull(self) -> VisualHull | None:
+    def hull(self) -> Volume | None:
         """Volume that the keyframe's points must be in; None is everywhere."""
-        return None if self.alpha is None else VisualHull(self.cameras, self.alpha[0], self.near)
+        return None if self.alpha is None else subject_hull(self.cameras, self.images[0], self.alpha[0], self.near)
 
     @property
     def gains(self) -> np.ndarray:

@@ -171,6 +171,13 @@ def upright(cameras: Sequence[Camera]) -> np.ndarray:
     return up if np.mean(np.abs(rights @ up) < LEVEL_SINE) >= LEVEL_CAMERAS else mean
 
 
+def up_angles(cameras: Sequence[Camera]) -> list[float]:
+    """Return the angle of the scene's up direction in the image of each camera, radians clockwise from the image's up."""
+    up = upright(cameras)
+    ups = [camera.viewmat[:3, :3] @ up for camera in cameras]
+    return [float(np.arctan2(up[0], -up[1])) for up in ups]
+
+
 def _unit(vector: np.ndarray) -> np.ndarray:
     length = np.linalg.norm(vector)
     return vector / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])

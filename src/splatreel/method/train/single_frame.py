@@ -10,6 +10,7 @@ from splatreel.base.progress import Progress, Silent
 from splatreel.config import Config
 from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
+from splatreel.method.init.bodies import subject_hull
 from splatreel.method.init.initial_points import InitialPoints, close_surface, initial_points, near_plane
 from splatreel.method.init.layout import Layout, border_color, measure
 from splatreel.method.init.visual_hull import VisualHull, is_sparse, without_background
@@ -63,7 +64,7 @@ def reconstruct_single_frame(
     progress = progress or Silent()
     alpha = subject.alpha if subject is not None and is_sparse(cameras) else None
     if alpha is not None:
-        trainer.density.hull = VisualHull(cameras, alpha, layout.near)
+        trainer.density.hull = subject_hull(cameras, images, alpha, layout.near)
     iterations, coarse = keyframe.first_iterations, keyframe.coarse_share
     train_frame(trainer, cameras, images, layout, iterations, coarse, config, progress, alpha=alpha)
     gaussians = trainer.points.gaussians()
@@ -86,9 +87,11 @@ def lay_out(
     """
     hull, sparse = None, subject is not None and is_sparse(cameras)
     shown = images
-    if subject is not None:
+    if subject is not None and sparse:
+        hull = subject_hull(cameras, images, subject.alpha, near or 0.0)
+        shown = without_background(images, subject.alpha)
+    elif subject is not None:
         hull = VisualHull(cameras, subject.alpha, near or 0.0)
-        shown = without_background(images, subject.alpha) if sparse else images
     seeds = initial_points(cameras, shown, points, point_colors, near, config.seed, hull)
     layout = replace(measure(cameras, seeds.points, near_plane(cameras, seeds.points)), region=config.region)
     if subject is not None and hull is not None:

@@ -10,8 +10,8 @@ import pytest
 
 from splatreel.base.errors import MissingDependencyError
 from splatreel.base.threads import map_parallel
-from splatreel.segmentation import people
-from splatreel.segmentation.people import People, Square, find_people, network_of, people_free, squares_around
+from splatreel.method.images import people
+from splatreel.method.images.people import People, Square, find_people, network_of, people_free, squares_around
 from splatreel.segmentation.segmenter import fit_subject
 from tests.segmentation import scenes
 
@@ -84,6 +84,28 @@ def test_probability_is_known_around_people_only() -> None:
     assert known[mask].all()
     assert known[40, 100]  # the widest square has 2.5 times the person's side
     assert not known[:, 115:].any()  # the second square holds nobody
+
+
+def test_landmarks_are_pixels_of_the_image_however_the_square_lies() -> None:
+    """A network that finds all landmarks in the middle of the body; the circle around the body ends at its upper end."""
+
+    def look(crop: np.ndarray) -> dict[tuple[int, ...], np.ndarray]:
+        rows, columns = np.nonzero(body(crop))
+        out = np.zeros((39, 5), np.float32)
+        out[:, :2], out[34, :2] = (columns.mean(), rows.mean()), (columns.mean(), rows.min())
+        out[:, 3] = ODDS
+        return {(195,): out.ravel(), (1,): np.array([1.0])}
+
+    image, _ = scene()
+    for square in (Square(60, 40, 60), Square(70, 45, 80)):
+        found = People({"pose_landmark_full": look}).landmarks(image, square)
+        assert found is not None
+        assert found.points.shape == (33, 2)
+        assert np.allclose(found.points, (60.5, 40.5), atol=0.5)
+        assert found.side == pytest.approx(40, rel=0.1)
+        assert (found.visible > 0.99).all()
+    nobody = People({"pose_landmark_full": lambda crop: {(1,): np.array([0.1])}})
+    assert nobody.landmarks(image, Square(60, 40, 60)) is None
 
 
 def test_squares_enclose_large_parts_of_a_mask() -> None:

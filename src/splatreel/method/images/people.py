@@ -50,6 +50,8 @@ POSSIBLE = 0.2
 """Probability of a person above which a pixel teaches nothing about the background."""
 CORNERS = np.array([[[0, 0], [1, 0], [1, 1], [0, 1]]], np.float64)
 """Corners of the unit square."""
+LANDMARKS, HIPS, REACH = 33, 33, 34
+"""Number of landmarks, and the outputs after them: the middle of the hips, and a point on the circle around it that holds the body."""
 PASSES = (("pose", 2.0), ("pose", 2.5), ("selfie", 1.0), ("selfie", 1.25))
 """Networks that are averaged, and the width of their squares relative to a person's larger side. Each also sees the mirror image."""
 
@@ -76,6 +78,21 @@ class Square:
         return np.array(
             [[c, s, width / 2 - c * self.x - s * self.y], [-s, c, width / 2 + s * self.x - c * self.y]], np.float64
         )
+
+
+@dataclass(frozen=True)
+class Landmarks:
+    """Landmarks of a person in an image.
+
+    Attributes:
+        points: [33, 2] pixels, in MediaPipe's order.
+        visible: [33] probability that the image shows them.
+        side: Side of the square that holds the body, pixels.
+    """
+
+    points: np.ndarray
+    visible: np.ndarray
+    side: float
 
 
 Network = Callable[[np.ndarray], dict[tuple[int, ...], np.ndarray]]
@@ -123,14 +140,28 @@ class People:
         likely = np.flatnonzero(odds > np.log(DETECTED / (1 - DETECTED)))
         points = outputs[len(anchors), 12][likely, 4:8].reshape(-1, 2, 2) + anchors[likely, None] * DETECTION_INPUT
         back = cv2.invertAffineTransform(transform)
-        hips, reach = np.moveaxis(points @ back[:, :2].T + back[:, 2], 1, 0)
-        up = reach - hips
-        sides = 2 * np.linalg.norm(up, axis=1)
-        angles = np.arctan2(up[:, 0], -up[:, 1])
-        return [
-            (float(odds[k]), Square(float(x), float(y), float(side), float(angle)))
-            for k, (x, y), side, angle in zip(likely, hips, sides, angles, strict=True)
-        ]
+        pairs = points @ back[:, :2].T + back[:, 2]
+        return [(float(odds[k]), _square_of(hips, reach)) for k, (hips, reach) in zip(likely, pairs, strict=True)]
+
+    def landmarks(self, image: np.ndarray, square: Square) -> Landmarks | None:
+        """Return the landmarks of the person in a square of an image [H, W, 3] uint8; None if nobody is there."""
+        first = self._look(image, square)
+        second = (
+            None if first is None else self._look(image, first[1])
+        )  # in the square that follows from the first landmarks
+        return None if second is None else second[0]
+
+    def _look(self, image: np.ndarray, square: Square) -> tuple[Landmarks, Square] | None:
+        transform = square.transform(INPUT, ENLARGED)
+        outputs = self._networks["pose_landmark_full"](_crop(image, transform, INPUT))
+        if outputs[(1,)][0] < PRESENT:
+            return None
+        found = outputs[(195,)].reshape(-1, 5)
+        back = cv2.invertAffineTransform(transform)
+        points = found[:, :2] @ back[:, :2].T + back[:, 2]
+        around = _square_of(*points[[HIPS, REACH]])
+        visible = 1 / (1 + np.exp(-np.clip(found[:LANDMARKS, 3], -20, 20)))
+        return Landmarks(points[:LANDMARKS] + 0.5, visible, around.side), around  # OpenCV's pixels begin at -0.5
 
     def probability(self, image: np.ndarray, squares: Sequence[Square]) -> tuple[np.ndarray, np.ndarray]:
         """Return how probably each pixel shows a person, [H, W] float32 in 0..1, and where that is known, [H, W] bool.
@@ -163,6 +194,12 @@ class People:
             return self._networks["selfie_segmentation"](crop)[INPUT, INPUT, 1][..., 0]
         odds = self._networks["pose_landmark_full"](crop)[INPUT, INPUT, 1][..., 0]
         return 1 / (1 + np.exp(-np.clip(odds, -20, 20)))
+
+
+def _square_of(hips: np.ndarray, reach: np.ndarray) -> Square:
+    """Return the square around a person by the middle of the hips and a point above it on the circle that holds the body, [2] each."""
+    up = reach - hips
+    return Square(float(hips[0]), float(hips[1]), 2 * float(np.linalg.norm(up)), float(np.arctan2(up[0], -up[1])))
 
 
 def _crop(image: np.ndarray, transform: np.ndarray, width: int) -> np.ndarray:
