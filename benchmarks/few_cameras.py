@@ -34,9 +34,9 @@ from splatreel.config import Quality, preset
 from splatreel.config.settings import changed
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.reel_capture import open_reel_capture
+from splatreel.method.images.people import find_people
 from splatreel.play.timeline import open_reel
 from splatreel.run.pipeline import reconstruct
-from splatreel.segmentation.people import find_people
 from turntable import first_middle_last, write_sheet
 
 METRICS = ("psnr", "ssim", "lpips")
