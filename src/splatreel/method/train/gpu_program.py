@@ -17,6 +17,7 @@ from splatreel.gpu.drawing import (
     APPEARANCE,
     BEFORE,
     BETWEEN,
+    BOUNDED,
     DRAWN,
     END,
     LEARNS_GAINS,
@@ -26,6 +27,7 @@ from splatreel.gpu.drawing import (
     SCALED_STEPS,
     SHADED,
     START,
+    TINTED,
     WHOLE,
     Buffers,
     Drawing,
@@ -573,7 +575,7 @@ class GpuKeyframeProgram(GpuProgram):
                 "gain_means": adam.mean,
                 "gain_squares": adam.square,
                 "distances": self._density.distances,
-                "slopes": np.zeros(1, np.float32),
+                "slopes": np.zeros(3 * (-(-self.drawing.count // self.gpu.group) + 1), np.float32),
                 "averages": np.zeros(size, np.float32),
             },
         )
@@ -614,9 +616,10 @@ class GpuKeyframeProgram(GpuProgram):
 
     def _prepare(self, draw: KeyframeDraw, steps: list[int], learned: int) -> tuple[np.ndarray, Buffers]:
         """Return the uniform block and the buffers of a draw. steps, learned: numbers of the steps of Adam."""
-        block = self.block(draw.camera)
-        static = self.static_buffers(block, draw.camera, measured=False)
-        target = self.target(block, 0, draw.camera)
+        place = self.images.of_iteration(draw.iteration)[1] + draw.camera
+        block, view = self.block(place), self.images.all_views[place]
+        static = self.static_buffers(block, place, measured=False)
+        target = self.target(block, 0, place)
         self.set_loss(block, LAMBDA_DSSIM)
         kinds = Opacity, Spread, Roughness
         faint, before, bent = (weight_of(kind, self._losses, draw, self._state.config) for kind in kinds)
@@ -625,8 +628,12 @@ class GpuKeyframeProgram(GpuProgram):
         near = self.images.near
         block["surfaces"] = before, bent, near, self.images.unit / near
         block["meters"][0] = draw.average
+        if view.gain is not None:
+            block["behind"][:3] = view.gain
         block["numbers"][0] |= (
             SCALED_STEPS
+            | TINTED * (view.gain is not None)
+            | BOUNDED * (self.images.opposite is not None)
             | WHOLE * draw.whole
             | METERED * draw.metered
             | ABSOLUTE * self._state.measures_absolute
@@ -639,10 +646,15 @@ class GpuKeyframeProgram(GpuProgram):
 
     def _record(self, to: Recording, block: np.ndarray, buffers: Buffers) -> None:
         drawing, kernel = self.drawing, self.gpu.kernel
+        tinted = int(block["numbers"][0]) & TINTED
         drawing.record_pairs(to, buffers)
+        if tinted:
+            to.run_each(kernel("tint"), drawing.count, buffers)
         drawing.record_image(to, buffers)
         drawing.record_loss(to, buffers)
         drawing.record_splat_gradients(to, buffers)
+        if tinted:
+            to.run_each(kernel("tint_backward"), drawing.count, buffers)
         if block["surfaces"][0] or block["surfaces"][1]:
             drawing.record_surfaces(to, buffers)
         drawing.record_point_gradients(to, buffers)

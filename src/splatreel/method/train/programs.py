@@ -97,8 +97,6 @@ class KeyframeState(NamedTuple):
     @property
     def unsupported_by_gpu(self) -> str | None:
         """Reason why the kernels of GPUs cannot train the keyframe; None if they can."""
-        if any(view.gain is not None for view in self.images.views):
-            return "captures with masks are trained on the CPU or with CUDA"
         if self.static is not None and any(isinstance(term, Spread | Roughness) for term in self.losses):
             return "terms of surfaces do not look at static points"
         return terms_without_kernels(self.losses)
