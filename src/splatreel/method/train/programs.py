@@ -149,7 +149,10 @@ D = TypeVar("D", contravariant=True)
 
 
 class Program(Protocol[D]):
-    """Iterations on a device. The state of the host is valid before `upload` and after `download`."""
+    """Iterations on a device. The state of the host is valid before `upload` and after `download`.
+
+    Adam's moments of the points may stay on the device while rows change, see `TrainablePoints.origins`.
+    """
 
     def upload(self) -> None:
         """Take over the state of the host, after its rows or the image size changed."""
@@ -168,8 +171,8 @@ class Program(Protocol[D]):
         """Give the measured gradients to density control."""
         ...
 
-    def download(self) -> None:
-        """Copy the state to the host."""
+    def download(self, moments: bool = True) -> None:
+        """Copy the state to the host. moments: those of the points too, which saving the state needs."""
         ...
 
 
