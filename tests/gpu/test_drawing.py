@@ -157,15 +157,27 @@ def test_few_points_and_odd_images(device: Callable[..., Gpu], count: int, width
     case.check()
 
 
+@pytest.mark.parametrize("group", [64, 256])
 @pytest.mark.parametrize("device", DEVICES)
-def test_a_tile_with_more_pairs_than_shared_memory_holds_is_sorted(device: Callable[..., Gpu]) -> None:
-    """All points are in one tile."""
-    arrays = points(3000, 3, 0, 0.01)
-    arrays[0][:, 2] = np.random.default_rng(5).permutation(np.linspace(1, 6, 3000)).astype(np.float32)
-    case = Case(device(), arrays, 16, 16)
-    case.run()
-    assert int(case.read("first", np.uint32, 3001)[-1]) > 1024
-    case.check()
+def test_tiles_of_any_length_are_sorted(device: Callable[..., Gpu], group: int) -> None:
+    """Tiles within a block of shared memory, of a whole block, and of several blocks. Many depths are equal."""
+    gpu, rng, draw = device(group), np.random.default_rng(0), new_draw()
+    counts = np.array([0, 1, 2, 3, 700, 1023, 1024, 1025, 2048, 2049, 5000])
+    keys = [np.stack([rng.integers(0, 50, count), rng.permutation(count)], 1).astype(np.uint32) for count in counts]
+    draw["size"] = 16 * len(counts), 16, len(counts), 1
+    ends = counts.cumsum()
+    buffers = {
+        "draw": gpu.uniform(draw),
+        "tile_offsets": gpu.upload(np.concatenate([[0], ends]).astype(np.uint32)),
+        "status": gpu.zeros(8),
+        "keys": gpu.upload(np.concatenate(keys)),
+    }
+    recording = gpu.record()
+    recording.run(gpu.kernel("sort"), (len(counts), 1, 1), buffers)
+    recording.submit()
+    found = np.split(gpu.read(buffers["keys"], np.uint32, (int(ends[-1]), 2)), ends[:-1])
+    for tile, expected in zip(found, keys, strict=True):
+        np.testing.assert_array_equal(tile, expected[np.lexsort((expected[:, 1], expected[:, 0]))], str(len(tile)))
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import numpy as np
 
 from splatreel.gpu.device import Gpu, Recording
 
-VECTORS = ("row0", "row1", "row2", "lens", "bounds", "center", "background", "loss", "surfaces", "motion")
+VECTORS = ("row0", "row1", "row2", "lens", "bounds", "center", "background", "behind", "loss", "surfaces", "motion")
 SHADES = ("shade_rates", "shade_price")
 NUMBERS = ("size", "counts", "rows", "numbers", "links")
 
@@ -19,8 +19,8 @@ MOMENTS = 8
 """Moments of a draw: the drawn one, three for smoothness, two for the slope of the time, one unused, the appearance."""
 DRAWN, START, END, BETWEEN, BEFORE, AFTER, _, APPEARANCE = range(MOMENTS)
 
-MOVED, SHADED, METERED, METERED_STATIC, WHOLE, FINE, ABSOLUTE, LEARNS_GAINS, SCALED_STEPS, RIGID = (
-    1 << bit for bit in range(10)
+MOVED, SHADED, METERED, METERED_STATIC, WHOLE, FINE, ABSOLUTE, LEARNS_GAINS, SCALED_STEPS, RIGID, TINTED, BOUNDED = (
+    1 << bit for bit in range(12)
 )
 """Flags of a draw."""
 

@@ -160,8 +160,8 @@ class GsplatProgram(ABC, Generic[D]):
         self.canonical = [Trained.of(one, self.device) for one in self._points.adams.values()]
         self.meter = Meter(len(self._points), self.device)
 
-    def download(self) -> None:
-        """See `Program`."""
+    def download(self, moments: bool = True) -> None:
+        """See `Program`. This always copies the moments."""
         for one in self.trained:
             one.download()
 

@@ -27,6 +27,7 @@ from tests.method.train.trainers import (
     group_trainer,
     keyframe_trainer,
     make_images,
+    make_subject_images,
 )
 
 
@@ -148,3 +149,18 @@ def test_an_iteration_of_a_keyframe_is_that_of_the_cpu(
     points = WALL if static else None
     device, host = (keyframe_trainer(gpu, losses, points) for gpu in (OpenedGpu(opened()), None))
     compare_keyframes(device, host, make_images(1, unknown=unknown), (0, 65) if static else (0, 64, 66), static)
+
+
+@pytest.mark.parametrize(
+    ("losses", "static"), [(KEYFRAME, False), (CHAPTER_KEYFRAME, True)], ids=["first", "before static points"]
+)
+@pytest.mark.parametrize("opened", DEVICES)
+def test_an_iteration_of_a_keyframe_with_masks_is_that_of_the_cpu(
+    opened: Callable[[], Gpu], losses: Terms, static: bool
+) -> None:
+    """Gains of the backgrounds, which the points do not share; bounded colors; both backgrounds in turn."""
+    points = WALL if static else None
+    device, host = (keyframe_trainer(gpu, losses, points) for gpu in (OpenedGpu(opened()), None))
+    for trainer in (device, host):
+        trainer.points.params["sh_base"][:9] = 3.0  # out of bounds
+    compare_keyframes(device, host, make_subject_images(), (0, 4, 69) if static else (0, 4, 68), static)

@@ -78,6 +78,18 @@ def test_append_starts_without_momentum():
     assert all((points.params[name][5:] != before[name][5:]).any() for name in NAMES)
 
 
+def test_origins_follow_the_rows_until_a_state_is_restored():
+    points = make()
+    restore = points.snapshot()
+    points.origins = np.arange(5, dtype=np.int32)
+    points.keep(np.array([4, 0, 1]))
+    points.append(points.rows(np.array([0, 1])))
+    assert points.origins.tolist() == [4, 0, 1, -1, -1]
+    restore()
+    assert len(points) == 5
+    assert points.origins is None
+
+
 def test_rows_are_copies():
     points = make()
     rows = points.rows(np.arange(5))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from splatreel.base.progress import Silent
+from splatreel.capture.masks import LIKELY
 from splatreel.config import Config, preset
 from splatreel.config.settings import changed
 from splatreel.gpu.shared_gpu import SharedGpu
@@ -15,10 +16,11 @@ from splatreel.method.cameras.time_offsets import TimeOffsets
 from splatreel.method.deform.knot_adam import Adam
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.group_trainer import GroupTrainer
-from splatreel.method.train.keyframe_trainer import KeyframeTrainer
+from splatreel.method.train.keyframe_trainer import KeyframeTrainer, with_gain
 from splatreel.method.train.losses import KEYFRAME, Terms
-from splatreel.method.train.render import View
-from splatreel.method.train.trainable_points import TrainablePoints, default_rates
+from splatreel.method.train.render import View, deformed, draw
+from splatreel.method.train.subject import with_opposite
+from splatreel.method.train.trainable_points import TrainablePoints, default_rates, to_params
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import Gaussians, StaticPoints
 from tests.method.scenes import ring
@@ -78,6 +80,27 @@ def make_images(count: int, antialias: bool = True, background: bool = True, unk
         mask = np.zeros(pixels.shape[:4], bool)
         mask[..., 3:9, 5:30] = True
     return TrainingImages(pixels, views, NEAR, UNIT, mask)
+
+
+def make_subject_images() -> TrainingImages:
+    """Return images of a subject before few cameras, over backgrounds of opposite colors whose gains are known.
+
+    Some pixels are in doubt.
+    """
+    views, pixels, alphas = [], [], []
+    for number, camera in enumerate(CAMERAS):
+        known = np.array([1.1, 1.0, 0.9] if number % 2 else [0.9, 1.0, 1.1], np.float32)
+        view = replace(View.of(camera, True), background=np.array([0.3, 0.6, 0.2], np.float32) / known, gain=known)
+        splats, gain = with_gain(
+            deformed(to_params(THING), None, None, view, NEAR), view, camera_gains(True).values[number]
+        )
+        image, alpha = draw(splats, view)
+        views.append(view)
+        pixels.append((np.clip(image * gain, 0, 1) * 255).round().astype(np.uint8))
+        alphas.append((alpha * 255).round().astype(np.uint8))
+    opacity = np.array(alphas)[None]
+    opacity[..., 3:9, 5:30] = LIKELY
+    return with_opposite(TrainingImages(np.array(pixels)[None], views, NEAR, UNIT), opacity)
 
 
 def camera_gains(enabled: bool) -> CameraGains:

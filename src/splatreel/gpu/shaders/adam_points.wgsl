@@ -1,4 +1,4 @@
-// use: common, adam
+// use: common, harmonics, adam
 // Take a step of Adam for every parameter of the points, and add the result to the running mean.
 @group(0) @binding(0) var<uniform> draw: Draw;
 @group(0) @binding(1) var<storage, read> gradients: array<f32>;
@@ -17,6 +17,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     else if (column < 11u) { kind = 3u; } else if (column < 14u) { kind = 4u; }
     let before = params[e]; var after = before - follow(e, gradients[e], draw.adam[kind]);
     if (kind == 0u && (draw.numbers.x & SCALED_STEPS) != 0u) { after = before + distances[e % n] * (after - before); }
+    if (kind == 4u && (draw.numbers.x & BOUNDED) != 0u) { after = clamp(after, -0.5 / C0, 0.5 / C0); }
     params[e] = after;
     if (draw.meters.x > 0.0) { averages[e] += draw.meters.x * (after - averages[e]); }
 }

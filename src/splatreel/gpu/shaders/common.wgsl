@@ -5,6 +5,7 @@ struct Draw {
     bounds: vec4f,                          // ranges of x/z and y/z for the Jacobian
     center: vec4f,                          // camera position; near plane
     background: vec4f,                      // color; blur of the 2D covariance
+    behind: vec4f,                          // gain that the background is divided by, if TINTED
     loss: vec4f,                            // weights of absolute differences, SSIM, opacity and higher SH bands
     surfaces: vec4f,                        // weights of spread and roughness; near plane; viewing distance over the near plane
     motion: vec4f,                          // unit; weight of rigidity, of smoothness; position between two frames
@@ -27,6 +28,7 @@ struct Splat {
 }
 const MOVED = 1u; const SHADED = 2u; const METERED = 4u; const METERED_STATIC = 8u; const WHOLE = 16u; const FINE = 32u;
 const ABSOLUTE = 64u; const LEARNS_GAINS = 128u; const SCALED_STEPS = 256u; const RIGID = 512u;
+const TINTED = 1024u; const BOUNDED = 2048u;
 const TILE = 16u;
 const TILE_PIXELS = 256u;
 const STATIC = 0x80000000u;

@@ -2,7 +2,7 @@
 // Sum the loss, learn the gains of the cameras, and write the results of the draw, by one workgroup.
 @group(0) @binding(0) var<uniform> draw: Draw;
 @group(0) @binding(1) var<storage, read> sums: array<f32>;    // [tiles, 5]
-@group(0) @binding(2) var<storage, read> slopes: array<f32>;
+@group(0) @binding(2) var<storage, read> slopes: array<f32>;  // of the time, or [workgroups, 3] of the gain if TINTED
 @group(0) @binding(3) var<storage, read> status: array<u32>;
 @group(0) @binding(4) var<storage, read_write> gains: array<f32>;  // [cameras, 3]
 @group(0) @binding(5) var<storage, read_write> means: array<f32>;
@@ -19,8 +19,14 @@ fn main(@builtin(local_invocation_index) local: u32) {
     for (var tile = local; tile < draw.size.z * draw.size.w; tile += GROUP) {
         for (var k = 0u; k < 5u; k++) { total[k] += sums[5u * tile + k]; }
     }
-    if (draw.meters.y != 0.0) {
-        for (var k = local; k < (draw.counts.x + GROUP - 1u) / GROUP; k += GROUP) { total[5] += slopes[k]; }
+    let blocks = (draw.counts.x + GROUP - 1u) / GROUP;
+    if ((draw.numbers.x & TINTED) != 0u) {
+        for (var c = 0u; c < 3u; c++) {
+            total[2u + c] = 0.0;
+            for (var k = local; k < blocks; k += GROUP) { total[2u + c] += slopes[3u * k + c]; }
+        }
+    } else if (draw.meters.y != 0.0) {
+        for (var k = local; k < blocks; k += GROUP) { total[5] += slopes[k]; }
     }
     for (var k = 0u; k < 6u; k++) { parts[k][local] = total[k]; }
     workgroupBarrier();

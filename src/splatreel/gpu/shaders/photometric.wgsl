@@ -1,4 +1,4 @@
-// use: common, target, windows
+// use: common, gains, target, windows
 // Absolute differences of the channels FIRST to END of each changed tile, and the gradient of the whole photometric loss to its pixels
 // and to the gain.
 @group(0) @binding(0) var<uniform> draw: Draw;
@@ -18,7 +18,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) lo
         if (local == 0u) { for (var k = 1u; k < 5u; k++) { sums[5u * tile + k] = 0.0; } }
         return;
     }
-    let camera = 3u * draw.numbers.y; let gain = vec3f(gains[camera], gains[camera + 1u], gains[camera + 2u]);
+    let gain = drawing_gain();
     var total = vec4f(0.0);  // absolute differences, gradient to the gain
     for (var c = FIRST; c < END; c++) {
         for (var k = local; k < AREA; k += GROUP) {

@@ -1,4 +1,4 @@
-// use: common, target, windows
+// use: common, gains, target, windows
 // SSIM of the channels FIRST to END of each compared tile, and its gradients to the blurred maps of x, x^2 + y^2 and x y.
 @group(0) @binding(0) var<uniform> draw: Draw;
 @group(0) @binding(1) var<storage, read> image: array<vec4f>;

@@ -1,4 +1,4 @@
-// use: common, target
+// use: common, gains, target
 // Gradient of the losses of surfaces to the blended powers of log depth and to alpha (method/train/terms/surfaces.py).
 @group(0) @binding(0) var<uniform> draw: Draw;
 @group(0) @binding(1) var<storage, read> image: array<vec4f>;

@@ -1,7 +1,6 @@
 // The training image. Unknown pixels repeat the drawing, so that they cause no loss.
 fn drawn_color(pixel: u32) -> vec3f {
-    let camera = 3u * draw.numbers.y;
-    return (image[pixel].xyz + draw.background.xyz) * vec3f(gains[camera], gains[camera + 1u], gains[camera + 2u]);
+    return (image[pixel].xyz + draw.background.xyz) * drawing_gain();
 }
 fn target_color(pixel: u32) -> vec3f {
     let color = unpack4x8unorm(targets[draw.numbers.z + pixel]);

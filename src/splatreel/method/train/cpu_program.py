@@ -59,7 +59,7 @@ class CpuProgram(ABC, Generic[D, G]):
     def give_meters(self) -> None:
         """Do nothing: each draw gives its gradients."""
 
-    def download(self) -> None:
+    def download(self, moments: bool = True) -> None:
         """Do nothing: the state is that of the host."""
 
     @abstractmethod

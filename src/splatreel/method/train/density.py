@@ -387,6 +387,7 @@ class OpacityResets:
 
 def reset_opacities(points: TrainablePoints) -> None:
     """Lower all opacities to at most `RESET_OPACITY`, and restart their optimizer state."""
+    assert points.origins is None, "the moments are on a device"
     highest = math.log(RESET_OPACITY / (1 - RESET_OPACITY))
     points.adams["logit_opacities"].rewrite(lambda logits: np.minimum(logits, np.float32(highest)), np.zeros_like)
 

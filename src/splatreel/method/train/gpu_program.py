@@ -17,6 +17,7 @@ from splatreel.gpu.drawing import (
     APPEARANCE,
     BEFORE,
     BETWEEN,
+    BOUNDED,
     DRAWN,
     END,
     LEARNS_GAINS,
@@ -26,6 +27,7 @@ from splatreel.gpu.drawing import (
     SCALED_STEPS,
     SHADED,
     START,
+    TINTED,
     WHOLE,
     Buffers,
     Drawing,
@@ -147,8 +149,9 @@ class GpuProgram:
         self._packed: dict[tuple[int, int], int] = {}
 
     def upload_points(self, images: TrainingImages) -> None:
-        """Copy the canonical points and their moments to the device, and choose the image size."""
+        """Copy the canonical points to the device, and their moments unless they are there, and choose the image size."""
         gpu, adams = self.gpu, list(self._points.adams.values())
+        origins, before = self._points.origins, self.drawing.count
         width, height = images.views[0].width, images.views[0].height
         if self._pool is None or self.drawing.size != (width, height) or images is not self.images:
             self.images = images
@@ -158,11 +161,15 @@ class GpuProgram:
         self.drawing.set_points(_columns([adam.parameter for adam in adams]))
         self.drawing.set_size(width, height)
         self.drawing.fit_pairs(FIRST_PAIRS * self.drawing.count)
-        moments = {
-            "means": _columns([adam.mean for adam in adams]),
-            "squares": _columns([adam.square for adam in adams]),
-        }
-        self._moments = self._stored("points", moments)
+        if origins is None:
+            moments = {
+                "means": _columns([adam.mean for adam in adams]),
+                "squares": _columns([adam.square for adam in adams]),
+            }
+            self._moments = self._stored("points", moments)
+        elif not np.array_equal(origins, np.arange(before)):
+            self._move_moments(origins, before)
+        self._points.origins = None
         gpu.write(self.drawing.buffers["meter"], np.zeros(2 * self.drawing.count, np.float32))
 
     def upload_static(self, alive: np.ndarray, chosen: np.ndarray) -> None:
@@ -179,15 +186,34 @@ class GpuProgram:
             self._shown = now
         self._scene.restart_meter()
 
-    def download_points(self) -> None:
-        """Copy the canonical points and their moments to the host."""
-        shape = self.drawing.columns, self.drawing.count
-        for buffer, arrays in (
-            (self.drawing.buffers["params"], [adam.parameter for adam in self._points.adams.values()]),
-            (self._moments["means"], [adam.mean for adam in self._points.adams.values()]),
-            (self._moments["squares"], [adam.square for adam in self._points.adams.values()]),
-        ):
-            put_columns(self.gpu.read(buffer, np.float32, shape), arrays)
+    def _move_moments(self, origins: np.ndarray, before: int) -> None:
+        """Take over the moments of `before` points on the device after rows changed, see `TrainablePoints.origins`."""
+        gpu, columns, old = self.gpu, self.drawing.columns, self._moments
+        nbytes = 4 * columns * len(origins)
+        held = {label: (gpu.zeros(nbytes, f"{label} of the points"), nbytes) for label in old}
+        self._adam_buffers["points"] = held
+        self._moments = {label: buffer for label, (buffer, _) in held.items()}
+        moving = gpu.record()
+        used = {
+            "length": gpu.uniform(np.array([len(origins), before, columns, 0], np.uint32)),
+            "origins": gpu.upload(origins),
+            "old_means": old["means"],
+            "old_squares": old["squares"],
+        }
+        moving.run_each(gpu.kernel("move_rows"), columns * len(origins), used | self._moments)
+        moving.submit()
+        gpu.forget_buffers()
+
+    def download_points(self, moments: bool) -> None:
+        """Copy the canonical points to the host. moments: also their moments, which stay on the device otherwise."""
+        shape, adams = (self.drawing.columns, self.drawing.count), self._points.adams.values()
+        put_columns(
+            self.gpu.read(self.drawing.buffers["params"], np.float32, shape), [adam.parameter for adam in adams]
+        )
+        self._points.origins = None if moments else np.arange(self.drawing.count, dtype=np.int32)
+        if moments:
+            put_columns(self.gpu.read(self._moments["means"], np.float32, shape), [adam.mean for adam in adams])
+            put_columns(self.gpu.read(self._moments["squares"], np.float32, shape), [adam.square for adam in adams])
 
     def read_meter(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the sums [N] of the lengths of screen-space gradients, and the number of views [N] that saw each point."""
@@ -280,16 +306,19 @@ class GpuProgram:
                 self.drawing.grow(self.drawing.needed_pairs())
         return found
 
-    def _stored(self, name: str, arrays: Mapping[str, np.ndarray]) -> Buffers:
-        """Copy arrays to buffers that are kept under a name, new ones only if a size changed."""
-        held = self._adam_buffers.setdefault(name, {})
+    def _stored(self, name: str, arrays: Mapping[str, np.ndarray | int]) -> Buffers:
+        """Copy arrays to buffers that are kept under a name, new ones only if a size changed. A number is one of zeros, float32."""
+        held, clearing = self._adam_buffers.setdefault(name, {}), self.gpu.record()
         for label, array in arrays.items():
-            data = np.ascontiguousarray(array)
-            if label not in held or held[label][1] != data.nbytes:
-                held[label] = self.gpu.zeros(data.nbytes, f"{label} of the {name}"), data.nbytes
+            nbytes = 4 * array if isinstance(array, int) else array.nbytes
+            if label not in held or held[label][1] != nbytes:
+                held[label] = self.gpu.zeros(nbytes, f"{label} of the {name}"), nbytes
                 self.gpu.forget_buffers()
-            if data.nbytes:
-                self.gpu.write(held[label][0], data)
+            elif isinstance(array, int):
+                clearing.clear(held[label][0], 0, nbytes)
+            if not isinstance(array, int) and nbytes:
+                self.gpu.write(held[label][0], np.ascontiguousarray(array))
+        clearing.submit()
         return {label: buffer for label, (buffer, _) in held.items()}
 
 
@@ -368,11 +397,11 @@ class GpuGroupProgram(GpuProgram):
                 "neighbors": near,
                 "starts": source_starts,
                 "sources": sources,
-                "d_nodes": np.zeros(28 * nodes, np.float32),
-                "slopes": np.zeros(-(-n // self.gpu.group) + 1, np.float32),
+                "d_nodes": 28 * nodes,
+                "slopes": -(-n // self.gpu.group) + 1,
                 "gains": self._gains.values,
-                "gain_means": np.zeros(3 * len(self.images.views), np.float32),
-                "gain_squares": np.zeros(3 * len(self.images.views), np.float32),
+                "gain_means": 3 * len(self.images.views),
+                "gain_squares": 3 * len(self.images.views),
             },
         )
         adams = {"nodes": model.adams[0], "motion": model.adams[1]}
@@ -404,9 +433,9 @@ class GpuGroupProgram(GpuProgram):
         density.moving_meter.sum, density.moving_meter.seen = self.read_meter()
         density.static_meter.sum, density.static_meter.seen = self.read_static_meter()
 
-    def download(self) -> None:
+    def download(self, moments: bool = True) -> None:
         """See `Program`."""
-        self.download_points()
+        self.download_points(moments)
         for adam, held in self._knots.values():
             knots, rows, width = adam.values.shape
             for label, array in (("controls", adam.values), ("means", adam.mean), ("squares", adam.square)):
@@ -573,8 +602,8 @@ class GpuKeyframeProgram(GpuProgram):
                 "gain_means": adam.mean,
                 "gain_squares": adam.square,
                 "distances": self._density.distances,
-                "slopes": np.zeros(1, np.float32),
-                "averages": np.zeros(size, np.float32),
+                "slopes": 3 * (-(-self.drawing.count // self.gpu.group) + 1),
+                "averages": size,
             },
         )
 
@@ -597,9 +626,9 @@ class GpuKeyframeProgram(GpuProgram):
         """See `Program`."""
         self._density.meter.sum, self._density.meter.seen = self.read_meter()
 
-    def download(self) -> None:
+    def download(self, moments: bool = True) -> None:
         """See `Program`."""
-        self.download_points()
+        self.download_points(moments)
         shape = len(self.images.views), 3
         adam = self._gains.adam
         for name, array in (("gains", self._gains.values), ("gain_means", adam.mean), ("gain_squares", adam.square)):
@@ -614,9 +643,10 @@ class GpuKeyframeProgram(GpuProgram):
 
     def _prepare(self, draw: KeyframeDraw, steps: list[int], learned: int) -> tuple[np.ndarray, Buffers]:
         """Return the uniform block and the buffers of a draw. steps, learned: numbers of the steps of Adam."""
-        block = self.block(draw.camera)
-        static = self.static_buffers(block, draw.camera, measured=False)
-        target = self.target(block, 0, draw.camera)
+        place = self.images.of_iteration(draw.iteration)[1] + draw.camera
+        block, view = self.block(place), self.images.all_views[place]
+        static = self.static_buffers(block, place, measured=False)
+        target = self.target(block, 0, place)
         self.set_loss(block, LAMBDA_DSSIM)
         kinds = Opacity, Spread, Roughness
         faint, before, bent = (weight_of(kind, self._losses, draw, self._state.config) for kind in kinds)
@@ -625,8 +655,12 @@ class GpuKeyframeProgram(GpuProgram):
         near = self.images.near
         block["surfaces"] = before, bent, near, self.images.unit / near
         block["meters"][0] = draw.average
+        if view.gain is not None:
+            block["behind"][:3] = view.gain
         block["numbers"][0] |= (
             SCALED_STEPS
+            | TINTED * (view.gain is not None)
+            | BOUNDED * (self.images.opposite is not None)
             | WHOLE * draw.whole
             | METERED * draw.metered
             | ABSOLUTE * self._state.measures_absolute
@@ -639,10 +673,15 @@ class GpuKeyframeProgram(GpuProgram):
 
     def _record(self, to: Recording, block: np.ndarray, buffers: Buffers) -> None:
         drawing, kernel = self.drawing, self.gpu.kernel
+        tinted = int(block["numbers"][0]) & TINTED
         drawing.record_pairs(to, buffers)
+        if tinted:
+            to.run_each(kernel("tint"), drawing.count, buffers)
         drawing.record_image(to, buffers)
         drawing.record_loss(to, buffers)
         drawing.record_splat_gradients(to, buffers)
+        if tinted:
+            to.run_each(kernel("tint_backward"), drawing.count, buffers)
         if block["surfaces"][0] or block["surfaces"][1]:
             drawing.record_surfaces(to, buffers)
         drawing.record_point_gradients(to, buffers)

@@ -276,7 +276,7 @@ class GroupTrainer:
             draws.append(self.plan(iteration + len(draws)))
         loss, done = self._run(draws), iteration + len(draws)
         if self._needs_host(done):
-            self._download()
+            self._download(self._needs_moments(done))
         if done % GIVE_BACK_EVERY == 0:
             self.images.release_pages()
         self.recovery.check_iteration(done, loss, self)
@@ -320,10 +320,10 @@ class GroupTrainer:
             self.program.images = self.images
             self.program.upload()
 
-    def _download(self) -> None:
+    def _download(self, moments: bool = True) -> None:
         if self.program is not None:
             self.program.give_meters()
-            self.program.download()
+            self.program.download(moments)
 
     def _run(self, draws: Sequence[Draw]) -> float:
         """Run iterations of the program, and return the loss of the last one."""
@@ -349,8 +349,11 @@ class GroupTrainer:
     def _needs_host(self, done: int) -> bool:
         """Return whether the host needs the state after `done` iterations."""
         resizes = bool(self.larger_images) and done >= self.larger_images[0][0]
-        saves = done >= self.recovery.next_save
-        return resizes or saves or self.density.is_due(done) or done == self.iterations
+        return resizes or self.density.is_due(done) or self._needs_moments(done)
+
+    def _needs_moments(self, done: int) -> bool:
+        """Return whether the host needs Adam's moments of the points after `done` iterations."""
+        return done >= self.recovery.next_save or done == self.iterations
 
     def plan(self, iteration: int) -> Draw:
         """Decide what an iteration draws and compares, with all random choices."""

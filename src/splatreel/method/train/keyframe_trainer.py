@@ -233,7 +233,7 @@ class KeyframeTrainer:
     def _gaussians_now(self) -> Gaussians:
         """Return the points as they are now, from the device that trains."""
         if self.program is not None:
-            self.program.download()
+            self.program.download(moments=False)
         return self.points.gaussians()
 
     def _run_batch(self, images: TrainingImages, total: int, end: int, average: Average) -> float:
@@ -247,7 +247,7 @@ class KeyframeTrainer:
         self._anneal(self.done / total)
         if self._needs_host(self.done, total, end, average):
             self.program.give_meters()
-            self.program.download()
+            self.program.download(self._needs_moments(self.done, total, end))
             if self.done == end:
                 average.set_means(self.program.averages())
         self.recovery.check_iteration(self.done, loss, self)
@@ -259,7 +259,12 @@ class KeyframeTrainer:
     def _needs_host(self, done: int, total: int, end: int, average: Average) -> bool:
         """Return whether the host needs the state after `done` iterations."""
         due = self.density.is_due(done, done / total, average.has_begun(done))
-        return due or self._changes_detail(total, done) or done >= self.recovery.next_save or done == end
+        return due or self._changes_detail(total, done) or self._needs_moments(done, total, end)
+
+    def _needs_moments(self, done: int, total: int, end: int) -> bool:
+        """Return whether the host needs Adam's moments after `done` iterations: to save or reset them, or for the next program."""
+        resets = OpacityResets(total, len(self.gains.values)).is_due(done)
+        return resets or done >= self.recovery.next_save or done == end
 
     def _plan(self, images: TrainingImages, iteration: int, total: int, average: Average) -> KeyframeDraw:
         """Decide what an iteration of the program draws and compares."""

@@ -97,8 +97,6 @@ class KeyframeState(NamedTuple):
     @property
     def unsupported_by_gpu(self) -> str | None:
         """Reason why the kernels of GPUs cannot train the keyframe; None if they can."""
-        if any(view.gain is not None for view in self.images.views):
-            return "captures with masks are trained on the CPU or with CUDA"
         if self.static is not None and any(isinstance(term, Spread | Roughness) for term in self.losses):
             return "terms of surfaces do not look at static points"
         return terms_without_kernels(self.losses)
@@ -151,7 +149,10 @@ D = TypeVar("D", contravariant=True)
 
 
 class Program(Protocol[D]):
-    """Iterations on a device. The state of the host is valid before `upload` and after `download`."""
+    """Iterations on a device. The state of the host is valid before `upload` and after `download`.
+
+    Adam's moments of the points may stay on the device while rows change, see `TrainablePoints.origins`.
+    """
 
     def upload(self) -> None:
         """Take over the state of the host, after its rows or the image size changed."""
@@ -170,8 +171,8 @@ class Program(Protocol[D]):
         """Give the measured gradients to density control."""
         ...
 
-    def download(self) -> None:
-        """Copy the state to the host."""
+    def download(self, moments: bool = True) -> None:
+        """Copy the state to the host. moments: those of the points too, which saving the state needs."""
         ...
 
 

@@ -19,12 +19,17 @@ class TrainablePoints:
     """Gaussians as unconstrained arrays, each with an Adam optimizer.
 
     Learning rates are per attribute. The rate of `means` is in world units.
+
+    Attributes:
+        origins: [N] int32, where a device has the optimizers' moments: the row of each point there, -1 for points added since. None if
+            the moments are here.
     """
 
     def __init__(self, params: Mapping[str, np.ndarray], rates: Mapping[str, float]) -> None:
         """Copy unconstrained arrays by name, see `params`, with their learning rates."""
         self.base_rates = dict(rates)
         self.adams = {name: Adam(params[name], rates[name], eps=1e-15) for name in NAMES}
+        self.origins: np.ndarray | None = None
 
     @staticmethod
     def from_gaussians(gaussians: Gaussians, rates: Mapping[str, float]) -> TrainablePoints:
@@ -78,6 +83,8 @@ class TrainablePoints:
         """Keep the rows of an index or mask, in its order, with their optimizer state."""
         for adam in self.adams.values():
             adam.rewrite(lambda rows: rows[index], lambda rows: rows[index])
+        if self.origins is not None:
+            self.origins = self.origins[index]
 
     def append(self, params: Mapping[str, np.ndarray]) -> None:
         """Add rows. Their optimizer state starts at zero."""
@@ -88,6 +95,8 @@ class TrainablePoints:
                 lambda rows, new=new: np.concatenate([rows, new]),
                 lambda rows, zeros=zeros: np.concatenate([rows, zeros]),
             )
+        if self.origins is not None:
+            self.origins = np.concatenate([self.origins, np.full(len(params["means"]), -1, np.int32)])
 
     def rows(self, index: np.ndarray) -> dict[str, np.ndarray]:
         """Return copies of the rows of an index or mask."""
@@ -95,7 +104,14 @@ class TrainablePoints:
 
     def snapshot(self) -> Restore:
         """Copy all rows with their optimizer state."""
-        return merge_snapshots([adam.snapshot() for adam in self.adams.values()])
+        assert self.origins is None, "the moments are on a device"
+        restore_rows = merge_snapshots([adam.snapshot() for adam in self.adams.values()])
+
+        def restore() -> None:
+            restore_rows()
+            self.origins = None
+
+        return restore
 
     def check(self) -> None:
         """Raise a `GaussiansError` if a value is NaN or infinite."""
