@@ -27,13 +27,14 @@ from curve import reconstruct_until
 from parity import differences, drawing
 from record import RESULTS, ROOT, record
 from splatreel.base.display import console
+from splatreel.base.errors import GpuError
 from splatreel.base.process import keep_freed_memory
 from splatreel.capture.opening import open_capture
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed
-from splatreel.gpu.adapters import CUDA, adapters, choose_adapter
+from splatreel.gpu.adapters import CUDA, Adapter, adapters, choose_adapter
 from splatreel.gpu.cuda_libraries import find_compilers
-from splatreel.gpu.shared_gpu import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu, open_gpu
 from splatreel.run.device_choice import pick_gpu
 from splatreel.run.machine_speed import LARGE, SMALL, Probe, iteration_ms
 
@@ -254,12 +255,22 @@ def parity(bench: Bench, found: Found, share: float) -> None:
 
 
 def list_adapters(bench: Bench, found: Found, share: float) -> None:
-    """List the adapters of wgpu and NVRTC, and which one training would use."""
+    """List the adapters of wgpu and NVRTC and which one training would use, and test each."""
     every = adapters()
     found["adapters"] = [
         {"name": each.name, "interface": each.interface, "kind": each.kind, "missing": each.missing} for each in every
     ]
     found["auto"] = choose_adapter(every)[1]
+    found["self_test"] = {f"{each.name} {each.interface}": self_test(each) for each in every if each.missing is None}
+
+
+def self_test(adapter: Adapter) -> str:
+    """Open an adapter, which draws a scene there and on the CPU. Return what failed, or `passed`."""
+    try:
+        open_gpu(adapter)
+    except GpuError as error:
+        return str(error)
+    return "passed"
 
 
 def wgpu_tests(bench: Bench, found: Found, share: float) -> None:
