@@ -196,7 +196,8 @@ def measuring(path: Path) -> Iterator[CoreMeter]:
         with timed(job, stage), meter.stage(stage):
             yield
 
-    threads.run_ranges, Job.timed = meter.run_ranges, timed_stage
+    threads.run_ranges = meter.run_ranges
+    Job.timed = timed_stage  # pyright: ignore[reportAttributeAccessIssue]
     try:
         with meter.stage(OUTSIDE):
             yield meter

@@ -77,7 +77,7 @@ def sweep(
 
     def compared(i: int) -> DepthMap:
         found = [_agreement(small_cameras[i], depths[i], steps[i], small_cameras[j], depths[j]) for j in nearest[i]]
-        return DepthMap(small_cameras[i], small[i], depths[i], np.sum(found, 0, dtype=np.uint8))
+        return DepthMap(small_cameras[i], small[i], depths[i], np.asarray(sum(found), np.uint8))
 
     return threads.map_parallel(compared, range(len(cameras)))
 
