@@ -1,10 +1,12 @@
 """The number of threads and the thread pool of the kernels."""
 
+import gc
 import itertools
 import subprocess
 import sys
 import threading
 import time
+import weakref
 from collections.abc import Iterator
 
 import cv2
@@ -130,6 +132,71 @@ def test_many_threads_use_the_pool_at_once() -> None:
         for caller in callers:
             caller.join()
     assert totals == [50 * 40] * 6
+
+
+def test_map_returns_results_in_order_and_shares_the_threads() -> None:
+    def count_of(number: int) -> tuple[int, int]:
+        return number, threads.count()
+
+    with threads.limited(4):
+        found = threads.map_parallel(count_of, iter(range(6)))
+        assert threads.map_parallel(count_of, []) == []
+        assert threads.count() == 4
+    assert found == [(0, 1), (1, 1), (2, 1), (3, 1), (4, 2), (5, 4)], "the last items have threads to themselves"
+
+
+def test_limit_of_a_thread_is_its_own() -> None:
+    with threads.limited(4), threads.at_most(3):
+        assert threads.count() == 3
+        with threads.at_most(0):
+            assert threads.count() == 1
+        assert threads.count() == 3
+        other: list[int] = []
+        thread = threading.Thread(target=lambda: other.append(threads.count()))
+        thread.start()
+        thread.join()
+        assert other == [4]
+
+
+def test_error_waits_for_other_items() -> None:
+    """A function that raises leaves no item running, and no later item is begun."""
+    begun, ended, arrived = [], [], threading.Barrier(2)
+
+    def work(number: int) -> None:
+        begun.append(number)
+        if number < 2:
+            arrived.wait(timeout=60)
+        if number == 0:
+            raise KeyboardInterrupt
+        time.sleep(0.05)
+        ended.append(number)
+
+    with threads.limited(2), pytest.raises(KeyboardInterrupt):
+        threads.map_parallel(work, range(50))
+    assert sorted(ended) == [number for number in sorted(begun) if number]
+    assert len(begun) < 50
+
+
+def test_nested_regions_leave_no_requests_and_no_arguments_behind() -> None:
+    """While all threads are busy with items, requests of kernels within the items must not pile up."""
+
+    class Argument:
+        """An object that can be weakly referenced."""
+
+    kept: list[weakref.ref[Argument]] = []
+
+    def item(number: int) -> None:
+        with threads.at_most(3):
+            for _ in range(100):
+                argument = Argument()
+                kept.append(weakref.ref(argument))
+                threads.run_ranges(lambda first, last, given: None, 9, (argument,), 1, 9)
+
+    with threads.limited(3):
+        threads.map_parallel(item, range(12))
+    gc.collect()
+    assert threads._pool.jobs.qsize() <= threads._pool.size
+    assert sum(reference() is not None for reference in kept) == 0
 
 
 @pytest.mark.skipif(not hasattr(__import__("os"), "fork"), reason="only POSIX systems fork")

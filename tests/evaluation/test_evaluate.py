@@ -16,6 +16,7 @@ from splatreel.evaluation.evaluate import ImageComparison, Quality, check_same_c
 from splatreel.evaluation.metrics import Moments, dssim, psnr, psnr_color_fitted, psnr_per_channel, ssim, ssim_skimage
 from splatreel.evaluation.perceptual import Lpips, LpipsDistances
 from splatreel.evaluation.report import Report
+from tests.any_threads import assert_same_on_any_threads
 from tests.evaluation import scenes, small_lpips
 
 
@@ -59,6 +60,16 @@ def test_good_reel_scores_high_with_a_complete_report(reel: Path, tmp_path: Path
     assert Report.read(tmp_path / "out" / "report.json") == report
     image = Image.open(tmp_path / "out" / "pictures" / "cam03.png")
     assert image.size == (3 * scenes.WIDTH, scenes.HEIGHT)
+
+
+def test_report_is_the_same_on_any_threads(reel: Path, tmp_path: Path) -> None:
+    source = scenes.capture(tmp_path)
+
+    def report() -> Report:
+        found = evaluate(reel, source, lpips_every=0, undecoded=scenes.truth)
+        return replace(found, seconds={}, render_fps=0.0, decode_ms_per_frame=0.0, peak_memory_bytes=0)
+
+    assert_same_on_any_threads(report)
 
 
 def test_report_measures_motion_bytes_and_speed(reel: Path, tmp_path: Path) -> None:

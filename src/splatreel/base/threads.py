@@ -11,7 +11,6 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from queue import SimpleQueue
 from typing import Any, TypeVar
@@ -39,18 +38,20 @@ def available() -> int:
 
 
 def count() -> int:
-    """Return the number of threads to use: the limit that `use` set, else all cores; of these, the caller's share (`divided`)."""
-    return max(1, (_limit or available()) // getattr(_caller, "parts", 1))
+    """Return the number of threads to use: the limit that `use` set, else all cores, and at most those of `at_most`."""
+    threads, most = _limit or available(), getattr(_caller, "most", None)
+    return threads if most is None else min(threads, most)
 
 
 @contextmanager
-def divided(parts: int) -> Iterator[None]:
-    """Use one of `parts` shares of the threads inside a `with` block of the calling thread, while other threads use the others."""
-    _caller.parts = parts
+def at_most(number: int) -> Iterator[None]:
+    """Use at most a number of threads, at least one, inside a `with` block of the calling thread, while others use the rest."""
+    before = getattr(_caller, "most", None)
+    _caller.most = max(1, number)
     try:
         yield
     finally:
-        _caller.parts = 1
+        _caller.most = before
 
 
 def chosen() -> int | None:
@@ -100,15 +101,25 @@ def limited(threads: int) -> Iterator[None]:
 def map_parallel(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
     """Return the function's results for all items, in order, computed on all threads.
 
+    Kernels that the function calls run in the same thread while there are items for all threads. The last items share the threads.
+
     Args:
         function: Must release the GIL in its long calls, as OpenCV, FFmpeg and compiled kernels do.
         items: Arguments of the function.
 
     Raises:
-        Exception: The first exception that the function raised.
+        Exception: An exception that the function raised.
     """
-    with ThreadPoolExecutor(count()) as pool:
-        return list(pool.map(function, items))
+    given, workers = list(items), count()
+    found: list[Result] = [None] * len(given)  # type: ignore[list-item]
+
+    def work(first: int, last: int) -> None:
+        for place in range(first, last):
+            with at_most(workers // min(workers, len(given) - place)):
+                found[place] = function(given[place])
+
+    run_ranges(work, len(given), (), chunks=len(given))
+    return found
 
 
 def run_ranges(
@@ -147,15 +158,14 @@ class _Job:
         self.cuts = cuts
         self.arguments = arguments
         self.places = itertools.count()  # `next` is atomic under the GIL
+        self.left = len(cuts) - 1  # ranges that the calling thread did not claim
         self.done: SimpleQueue[BaseException | None] = SimpleQueue()
 
-    def work(self) -> int:
-        """Run ranges until none is left to claim. Return their number."""
-        claimed = 0
+    def work(self) -> None:
+        """Run ranges until none is left to claim."""
         while (place := next(self.places)) < len(self.cuts) - 1:
+            self.left -= 1
             self.function(self.cuts[place], self.cuts[place + 1], *self.arguments)
-            claimed += 1
-        return claimed
 
     def help(self) -> None:
         """Run ranges in a thread of the pool, and report the end or the error of each to `done`."""
@@ -167,9 +177,24 @@ class _Job:
                 error = raised
             self.done.put(error)
 
+    def wait(self) -> list[BaseException]:
+        """Wait for the ranges that other threads claimed. Return their errors."""
+        errors = []
+        while self.left:
+            if (error := self.done.get()) is not None:
+                errors.append(error)
+            self.left -= 1
+        return errors
+
     def stop(self) -> None:
-        """Prevent threads from claiming further ranges."""
-        self.places = itertools.repeat(len(self.cuts))
+        """Claim all ranges that are left without running them, and wait for those of other threads."""
+        while next(self.places) < len(self.cuts) - 1:
+            self.left -= 1
+        self.wait()
+
+    def forget(self) -> None:
+        """Drop the function and its arguments: requests in the queue must not keep them alive."""
+        del self.function, self.arguments
 
 
 class _Pool:
@@ -185,17 +210,19 @@ class _Pool:
         if self.size < helpers:
             self._grow(helpers)
         job = _Job(function, cuts, arguments)
-        for _ in range(helpers):
+        # While all threads are busy, requests of jobs that are over stay in the queue. A few are enough.
+        for _ in range(min(helpers, self.size - self.jobs.qsize())):
             self.jobs.put(job)
         try:
-            mine = job.work()
-            errors = [job.done.get() for _ in range(len(cuts) - 1 - mine)]
+            job.work()
+            errors = job.wait()
         except BaseException:
             job.stop()
             raise
+        finally:
+            job.forget()
         for error in errors:
-            if error is not None:
-                raise error
+            raise error
 
     def _grow(self, size: int) -> None:
         with self.growing:

@@ -7,10 +7,12 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import cast
 
 import numpy as np
 
+from splatreel.base import threads
 from splatreel.base.atomic import sweep
 from splatreel.base.errors import UsageError
 from splatreel.base.process import peak_memory_bytes
@@ -206,6 +208,34 @@ def evaluate(
     return report
 
 
+@dataclass(frozen=True)
+class _Rendered:
+    """An image [H, W, 3] of a camera to measure.
+
+    Attributes:
+        truth: Camera image [H, W, 3].
+        median: The camera's median image [H, W, 3] uint8.
+        within: Pixels [H, W] bool that are measured; None means all.
+        before: PSNR before encoding; None if it is not measured.
+    """
+
+    name: str
+    image: np.ndarray
+    truth: np.ndarray
+    median: np.ndarray
+    within: np.ndarray | None
+    before: float | None
+
+    def measure(self, lpips: Mapping[str, Lpips] = MappingProxyType({})) -> tuple[Quality, Quality | None, float]:
+        """Return the quality of the image, that of the pixels with motion if there are any, and the share of these pixels."""
+        compared = ImageComparison(self.image, self.truth, lpips, self.within)
+        moves = moving_pixels(self.truth, self.median)
+        if self.within is not None:
+            moves &= self.within
+        moving = compared.quality(moves) if moves.any() else None
+        return compared.quality(self.within), moving, float(moves.mean())
+
+
 class Scores:
     """Measurements of a reel, frame by frame.
 
@@ -247,7 +277,7 @@ class Scores:
         """Render a frame from the views that have it, measure it, and return the images by camera."""
         gaussians = self.timeline.at(frame / self.timeline.fps)
         raw = undecoded(frame) if undecoded is not None else None
-        images = {}
+        rendered: list[_Rendered] = []
         alpha = self.capture.alpha(frame, 1, [view.name for view in self.views])
         missing = self.capture.missing(frame, 1, [view.name for view in self.views])[0]
         for number, (view, truth, median, absent) in enumerate(
@@ -259,20 +289,25 @@ class Scores:
             begun = time.perf_counter()
             image = np.clip(self.timeline.render(gaussians, view), 0, 1)
             self.render_seconds.append(time.perf_counter() - begun)
-            compared = ImageComparison(image, truth, lpips, within)
-            self.whole[frame, view.name] = compared.quality(within)
-            moves = moving_pixels(truth, median)
-            if within is not None:
-                moves &= within
-                self.masked_share.append(float(within.mean()))
-            self.moving_share.append(float(moves.mean()))
-            if moves.any():
-                self.moving[frame, view.name] = compared.quality(moves)
-            self.flicker.add(frame, view.name, image, truth)
+            before = None
             if raw is not None:
-                self.before.append(psnr(np.clip(self.timeline.render(raw, view), 0, 1), truth, within))
-            images[view.name] = image
-        return images
+                before = psnr(np.clip(self.timeline.render(raw, view), 0, 1), truth, within)
+            rendered.append(_Rendered(view.name, image, truth, median, within, before))
+        # PyTorch, which LPIPS runs on, divides its work among the threads itself.
+        measured = (
+            [one.measure(lpips) for one in rendered] if lpips else threads.map_parallel(_Rendered.measure, rendered)
+        )
+        for one, (whole, moving, moving_share) in zip(rendered, measured, strict=True):
+            self.whole[frame, one.name] = whole
+            if one.within is not None:
+                self.masked_share.append(float(one.within.mean()))
+            self.moving_share.append(moving_share)
+            if moving is not None:
+                self.moving[frame, one.name] = moving
+            self.flicker.add(frame, one.name, one.image, one.truth)
+            if one.before is not None:
+                self.before.append(one.before)
+        return {one.name: one.image for one in rendered}
 
     def psnr(self) -> dict[str, dict[int, float]]:
         """Return the PSNR by camera and frame."""

@@ -20,6 +20,8 @@ STAY = np.eye(3, 4, dtype=np.float32)
 """The move that changes nothing."""
 CHUNKS = 8
 """Ranges per thread. Patches differ in effort, and the difficult ones are neighbors."""
+FITS = 256
+"""Patches whose moves are fitted at a time."""
 HIDDEN = F(sceneflow.HIDDEN)
 PAIRS = 128
 """Maximum number of (point, view) pairs that the cost of a move is computed from."""
@@ -100,6 +102,16 @@ def initial_moves(
 
 def rigid_fits(start: np.ndarray, end: np.ndarray, patches: np.ndarray) -> np.ndarray:
     """Return the move [Q, 3, 4] float32 of each patch [Q, K] that fits its points in `start` to those in `end` (Kabsch 1976)."""
+    moves = np.empty((len(patches), 3, 4), np.float32)
+
+    def fit(first: int) -> None:
+        moves[first : first + FITS] = _rigid_fits(start, end, patches[first : first + FITS])
+
+    threads.map_parallel(fit, range(0, len(patches), FITS))
+    return moves
+
+
+def _rigid_fits(start: np.ndarray, end: np.ndarray, patches: np.ndarray) -> np.ndarray:
     a, b = (positions[patches].astype(np.float64) for positions in (start, end))
     center_a, center_b = a.mean(1, keepdims=True), b.mean(1, keepdims=True)
     U, _, Vt = np.linalg.svd((a - center_a).transpose(0, 2, 1) @ (b - center_b))

@@ -22,6 +22,9 @@ from splatreel.kernels.blending import CHANNELS
 
 __all__ = ["nearest_neighbors"]
 
+QUERIES = 512
+"""Smallest number of queries for neighbors that is worth a thread."""
+
 
 class Projection(NamedTuple):
     """Gaussians projected to an image. Rows of culled Gaussians are zero.
@@ -216,8 +219,13 @@ def nearest_neighbors(points: np.ndarray, k: int, queries: np.ndarray | None = N
     if not 1 <= k <= available:
         raise GaussiansError(f"nearest_neighbors: asked for {k} neighbors where there are {available}.")
     ranks: Any = np.arange(1, k + 1 + (queries is None))  # a list, so that one neighbor still gives a column
-    found = KDTree(points).query(points if queries is None else queries, k=ranks, workers=threads.count())
-    distances, indices = np.asarray(found[0], np.float32), np.asarray(found[1], np.int64)
+    tree, wanted = KDTree(points), points if queries is None else queries
+    distances, indices = np.empty((len(wanted), len(ranks)), np.float32), np.empty((len(wanted), len(ranks)), np.int64)
+
+    def find(first: int, last: int) -> None:
+        distances[first:last], indices[first:last] = tree.query(wanted[first:last], k=ranks)
+
+    threads.run_ranges(find, len(wanted), (), grain=QUERIES)
     return (indices, distances) if queries is not None else _without_self(indices, distances)
 
 

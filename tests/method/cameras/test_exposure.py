@@ -3,6 +3,7 @@
 import numpy as np
 
 from splatreel.method.cameras.exposure import even_out, exposures
+from tests.any_threads import assert_same_on_any_threads
 
 FRAMES, CAMERAS = 8, 9
 
@@ -46,6 +47,17 @@ def test_even_out_removes_exposure() -> None:
     even_out(film, exposures(film)[0])
     assert np.abs(film.astype(float) - film[0]).max() <= 2
     assert np.abs(drift).max() > 0.03
+
+
+def test_evened_images_are_the_same_on_any_threads() -> None:
+    film = filmed(drifting())
+
+    def evened() -> np.ndarray:
+        images = film.copy()
+        even_out(images, exposures(images)[0])
+        return images
+
+    assert_same_on_any_threads(evened)
 
 
 def test_exposures_of_constant_capture_are_zero() -> None:

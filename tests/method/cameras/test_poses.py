@@ -17,6 +17,7 @@ from splatreel.method.cameras.poses import (
 )
 from splatreel.method.init.triangulate import detect
 from splatreel.scene.camera import Camera
+from tests.any_threads import assert_same_on_any_threads
 from tests.method.corner import HEIGHT, WIDTH, arc, make_images, texture
 
 CAMERAS = arc(9)
@@ -69,6 +70,11 @@ def test_moved_cameras_are_corrected(degrees: float) -> None:
         assert apart(corrected.camera, CAMERAS[number]) < 0.3
         assert corrected.pixels == pytest.approx(apart(wrong[number], CAMERAS[number]), abs=0.5)
         assert corrected.camera.name == CAMERAS[number].name
+
+
+def test_poses_are_the_same_on_any_threads() -> None:
+    cameras, frames = [turned(CAMERAS[0], 0.6), *CAMERAS[1:4]], moments(TRUTH[:4])
+    assert_same_on_any_threads(lambda: [*inspect_poses(cameras, frames).corrected.items()])
 
 
 def test_camera_that_shows_something_else_is_a_stranger() -> None:

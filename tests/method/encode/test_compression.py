@@ -1,8 +1,6 @@
 """Importance of points, and the search of a coarseness."""
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -78,8 +76,7 @@ def test_importance_is_the_derivative_of_a_weighted_image(antialias: bool) -> No
         [np.hypot.reduce([slope(name, row, axis, size) for axis in range(3)]) for name, size in SIZES.items()]
         for row in range(len(points))
     ]
-    smooth: Any = SimpleNamespace(choice=lambda signs, shape: weights)
-    found = np.sqrt(compression._squares(points, camera, 0.1, antialias, smooth))
+    found = np.sqrt(compression._squares(points, camera, 1.0, weights, 0.1, antialias))
     np.testing.assert_allclose(found, expected, rtol=0.08 if antialias else 0.03)
 
 

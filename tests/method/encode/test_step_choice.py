@@ -31,6 +31,7 @@ from splatreel.run.store import Store, StoredGroup, StoredLayer, load_arrays, sa
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import Group, GroupSpan
+from tests.any_threads import assert_same_on_any_threads
 from tests.golden import random_gaussians, random_motion, random_shade
 from tests.method.captures import blots
 from tests.method.scenes import ring
@@ -105,6 +106,17 @@ def test_layer_loss_is_small_at_any_distance() -> None:
         losses[noise] = size(steps), lost(seen(noise), moving(), decode_layer(file, "layer")[1])
     assert losses[1.0][0] < 0.7 * losses[12.0][0]
     assert max(loss for _, loss in losses.values()) < 0.3
+
+
+def test_files_are_the_same_on_any_threads() -> None:
+    data, importance = seen(5.0), np.ones((len(THING), 3), np.float32)
+    static = StaticPoints(WALL, np.ones(len(WALL), bool))
+    assert_same_on_any_threads(lambda: layer(5.0))
+    assert_same_on_any_threads(
+        lambda: [
+            *encode_group_by_slope(ReelEncoder(EncodeConfig()), data, moving(), static, importance, CLOSE)[0].items()
+        ]
+    )
 
 
 def test_noisy_views_give_coarser_steps() -> None:

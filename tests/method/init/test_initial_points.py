@@ -20,6 +20,7 @@ from splatreel.method.init.layout import viewing_distance
 from splatreel.method.init.planesweep import DepthMap
 from splatreel.method.init.triangulate import nearest_cameras, triangulate
 from splatreel.scene.volumes import Sphere
+from tests.any_threads import assert_same_on_any_threads
 from tests.method.corner import FLOOR, HEIGHT, WALL, WIDTH, arc, depth_of, make_image, make_images
 from tests.method.scenes import look_at
 
@@ -71,6 +72,12 @@ def test_initial_points_cover_scene_with_colors() -> None:
     cells = np.zeros((HEIGHT // 16, WIDTH // 16), bool)
     cells[row // 16, column // 16] = True
     assert cells.all(), "a part of a new view starts empty"
+
+
+def test_initial_points_are_the_same_on_any_threads() -> None:
+    cameras = arc()
+    images = make_images(cameras)
+    assert_same_on_any_threads(lambda: initial_points(cameras, images))
 
 
 def test_plain_area_takes_depth_of_surroundings() -> None:

@@ -16,8 +16,10 @@ from splatreel.method.layering.labels import (
     near_cameras,
     separate,
 )
+from splatreel.method.layering.lift import shares
 from splatreel.scene.clearance import Clearance
 from splatreel.scene.gaussians import C0, Gaussians, StaticPoints
+from tests.any_threads import assert_same_on_any_threads
 from tests.method.captures import blots
 from tests.method.inputs import group_input
 from tests.method.scenes import look_at, random_gaussians, ring
@@ -141,6 +143,12 @@ def test_light_finds_shadow_in_space_and_time() -> None:
     assert np.abs(light[6:]).max() < MIN_CHANGE
     far = (np.abs(WALL.means[:, :2] - [0.9, 0]) > [1.3, 1.4]).any(1)
     assert not light[:, far].any()
+
+
+def test_light_is_the_same_on_any_threads() -> None:
+    lit = film(shadow(3, 5))
+    assert_same_on_any_threads(lambda: changes_of_light(WALL, CAMERAS, lit, NEAR))
+    assert_same_on_any_threads(lambda: shares(WALL, CAMERAS, lit[3, ..., 0] < 100, NEAR))
 
 
 def test_light_finds_brightening() -> None:

@@ -14,6 +14,7 @@ from splatreel.method.tracking.track import identity_quats
 from splatreel.method.tracking.tracking import ChangeDetector, GroupStart, VelocityPrior, track
 from splatreel.scene.gaussians import Gaussians, StaticPoints
 from splatreel.scene.group import Group
+from tests.any_threads import assert_same_on_any_threads
 from tests.method.captures import blots
 from tests.method.inputs import group_input
 from tests.method.scenes import ring
@@ -62,6 +63,10 @@ def tracked(
     living = StaticPoints(static, np.ones(len(static), bool))
     data = group_input(frames, CAMERAS, near=NEAR)
     return track(data, dynamic, relit, living, motion, LayeringConfig(), Silent())
+
+
+def test_tracks_are_the_same_on_any_threads(arrival: np.ndarray) -> None:
+    assert_same_on_any_threads(lambda: started(arrival))
 
 
 def test_track_appends_new_points(arrival: np.ndarray) -> None:

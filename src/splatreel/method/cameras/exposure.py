@@ -110,13 +110,17 @@ def even_out(frames: np.ndarray, change: np.ndarray) -> None:
     """Remove logarithmic changes [T, C, 3] from frames [T, C, H, W, 3] uint8, in place."""
     levels = np.arange(256)[:, None]
     white = 1 - np.clip((255 - levels) / (255 - WHITE_FADE_FROM), 0, 1)
-    for number, (t, c) in enumerate(np.argwhere(np.any(change != 0, 2))):
-        if number % frames.shape[1] == 0:
-            release_pages(frames)
-        kept = np.interp(np.abs(change[t, c]).max(), WHITE_FADE_CHANGES, (1, 0))
-        fade = 1 - white * kept
-        table = np.rint(levels * (1 + fade * np.expm1(-change[t, c]))).clip(0, 255).astype(np.uint8)
-        frames[t, c] = cv2.LUT(frames[t, c], table[None])
+
+    def correct(frame: int) -> None:
+        for t, c in changed[changed[:, 0] == frame]:
+            kept = np.interp(np.abs(change[t, c]).max(), WHITE_FADE_CHANGES, (1, 0))
+            fade = 1 - white * kept
+            table = np.rint(levels * (1 + fade * np.expm1(-change[t, c]))).clip(0, 255).astype(np.uint8)
+            frames[t, c] = cv2.LUT(frames[t, c], table[None])
+        release_pages(frames)
+
+    changed = np.argwhere(np.any(change != 0, 2))
+    threads.map_parallel(correct, np.unique(changed[:, 0]))
 
 
 def _exposure_changes(film: np.ndarray, reference: np.ndarray | None) -> np.ndarray:

@@ -161,17 +161,21 @@ class _PoseCheck:
         forwards = np.stack([camera.forward for camera in cameras])
         self.narrow = forwards @ forwards.T > np.cos(np.radians(WIDE))
         self.features = [threads.map_parallel(detect, images) for images in frames]
-        self.matches = {pair: self._match(pair, SEARCH_WIDTHS[0]) for pair in self.pairs}
+        self.matches = self._match_all(self.pairs, SEARCH_WIDTHS[0])
         self._near: dict[Pair, np.ndarray] = {}
 
     def correct(self, number: int) -> None:
         """Correct a camera's pose in rounds of smaller and smaller search distances."""
         around = [pair for pair in self.pairs if number in pair]
         for reach in SEARCH_WIDTHS:
-            self.matches |= {pair: self._match(pair, reach) for pair in around}
+            self.matches |= self._match_all(around, reach)
             self.cameras[number] = self.estimate_pose(number).camera
-        self.matches |= {pair: self._match(pair, SEARCH_WIDTHS[0]) for pair in around}
+        self.matches |= self._match_all(around, SEARCH_WIDTHS[0])
         self._near = {pair: near for pair, near in self._near.items() if pair not in around}
+
+    def _match_all(self, pairs: list[Pair], reach: float) -> dict[Pair, list[np.ndarray]]:
+        """Return the matches of each pair of cameras, see `_match`."""
+        return dict(zip(pairs, threads.map_parallel(lambda pair: self._match(pair, reach), pairs), strict=True))
 
     def _match(self, pair: Pair, reach: float) -> list[np.ndarray]:
         """Return matches [M, 2] of two cameras at each moment, as indices of features. `reach` is the search distance."""
@@ -279,7 +283,7 @@ def inspect_poses(cameras: list[Camera], frames: np.ndarray) -> PoseFindings:
     strangers: list[int] = []
     unchecked: list[int] = []
     for _ in numbers:
-        estimates = {c: check.estimate_pose(c) for c in numbers}
+        estimates = dict(zip(numbers, threads.map_parallel(check.estimate_pose, numbers), strict=True))
         unverifiable = [c for c in numbers if check.is_unverifiable(c)]
         wrong = [c for c in numbers if estimates[c].wrong and c not in unverifiable]
         strangers = [c for c in numbers if c not in wrong and check.is_stranger(c)]

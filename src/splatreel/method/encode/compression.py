@@ -5,11 +5,13 @@ The encoder distributes bits by the importance of points: how much the images de
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
+from splatreel.base import threads
 from splatreel.codec.encoder import EncodedLayer, ReelEncoder
 from splatreel.codec.group_file import decode_parts
 from splatreel.codec.header import ReelHeader
@@ -62,20 +64,35 @@ def weigh(
     and weighted by their size. `moments` are the same points at several times; at most `views` cameras are drawn at
     each.
     """
-    rng = np.random.default_rng(0)
     squares: np.ndarray | float = 0.0
+    pictures = _pictures(moments, cameras, views)
+    while batch := list(islice(pictures, threads.count())):  # the signs of no more pictures are in memory
+        for found in threads.map_parallel(lambda picture: _squares(*picture, near, antialias), batch):
+            squares = squares + found
+    return np.sqrt(squares).astype(np.float32)
+
+
+def _pictures(
+    moments: Iterable[Gaussians], cameras: list[Camera], views: int
+) -> Iterator[tuple[Gaussians, Camera, float, np.ndarray]]:
+    """Yield points, a camera to draw them, the pixels of an image as a multiple of the drawn ones, and a random sign for each value.
+
+    The signs come from one generator, in order, whichever thread uses them.
+    """
+    rng = np.random.default_rng(0)
     smaller = [camera.at_most(ENOUGH_SIDE) for camera in cameras]
     apart = max(len(cameras) // views, 1)
     for number, points in enumerate(moments):
         # Every moment uses other cameras, spread over all of them.
         for camera, drawn in list(zip(cameras, smaller, strict=True))[number % apart :: apart][:views]:
-            pixels = camera.width * camera.height / (drawn.width * drawn.height)
-            squares = squares + pixels * _squares(points, drawn, near, antialias, rng)
-    return np.sqrt(squares).astype(np.float32)
+            signs = rng.choice(np.array([-1, 1], np.float32), (drawn.height, drawn.width, 3))
+            yield points, drawn, camera.width * camera.height / (drawn.width * drawn.height), signs
 
 
-def _squares(points: Gaussians, camera: Camera, near: float, antialias: bool, rng: np.random.Generator) -> np.ndarray:
-    """Return one sample of the squared derivatives, [N, 3]."""
+def _squares(
+    points: Gaussians, camera: Camera, pixels: float, signs: np.ndarray, near: float, antialias: bool
+) -> np.ndarray:
+    """Return one sample of the squared derivatives, [N, 3], times a number of pixels. signs: [H, W, 3]."""
     blur = project.FINE_BLUR if antialias else project.BLUR
     view = project.Pinhole(camera.viewmat, camera.K, camera.width, camera.height, near, blur)
     shape = points.means, points.quats, points.scales
@@ -86,7 +103,6 @@ def _squares(points: Gaussians, camera: Camera, near: float, antialias: bool, rn
     splats = projected.colored(np.maximum(colors, 0), opacities)
     bins = splat.bin(splats, view.width, view.height)
     image, alpha = rasterize.forward(bins, splats.colors)
-    signs = rng.choice(np.array([-1, 1], np.float32), image.shape)
     found = rasterize.backward(bins, splats.colors, image, signs, alpha, rasterize.no_gradient(alpha.shape))
     d_conics = found.conics
     if antialias:
@@ -99,7 +115,8 @@ def _squares(points: Gaussians, camera: Camera, near: float, antialias: bool, rn
     d_directions, d_sh = harmonics.backward(points.sh_degree, directions, points.sh, d_colors, to_directions=True)
     if d_directions is not None:
         d_means += d_directions
-    return np.stack([np.square(slopes).sum(1) for slopes in (d_scales * points.scales, d_sh[:, 0], d_means)], 1)
+    parts = d_scales * points.scales, d_sh[:, 0], d_means
+    return pixels * np.stack([np.square(slopes).sum(1) for slopes in parts], 1)
 
 
 def _antialias_gradient(opacities: np.ndarray, conics: np.ndarray, d_opacities: np.ndarray) -> np.ndarray:

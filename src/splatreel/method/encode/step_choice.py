@@ -18,6 +18,7 @@ from typing import Protocol
 
 import numpy as np
 
+from splatreel.base import threads
 from splatreel.codec import group_file
 from splatreel.codec.container import unpack_file
 from splatreel.codec.encoder import EncodedLayer, ReelEncoder
@@ -207,22 +208,20 @@ def _choose(encoder: ReelEncoder, data: GroupInput, subject: Subject, trial: Tri
     if encoder.config.codec != "predictive":
         return STEPS
     config = replace(encoder.config, coarseness=EncodeConfig().coarseness)
-    trained = [_draw(data, points, view) for _, view, points in subject.as_trained()]
+    trained = threads.map_parallel(lambda shown: _draw(data, shown[2], shown[1]), subject.as_trained())
     if not trained or not share:
         return STEPS
     held_out = _held_out_error(data, subject, trained, trial)
     steps = STEPS
     for _ in range(ROUNDS):
-        fine, coarse = (subject.encode(config, steps.scaled(factor)) for factor in (1.0, STEP_RATIO))
+        sizes = [steps.scaled(factor) for factor in (1.0, STEP_RATIO)]
+        fine, coarse = threads.map_parallel(lambda size: subject.encode(config, size), sizes)
         slopes, show = {}, subject.decoder(fine)
         before, after = attribute_bytes(fine[0]), attribute_bytes(coarse[0])
-        for attribute, size in before.items():
-            moments = zip(show(attribute), trained, strict=True)
-            error = np.mean(
-                [np.square(_draw(data, points, view) - image).mean() for (_, view, points), image in moments]
-            )
+        errors = threads.map_parallel(lambda name, show=show: _drawing_error(data, show(name), trained), before)
+        for (attribute, size), error in zip(before.items(), errors, strict=True):
             saved = max(size - after.get(attribute, 0), LEAST_SAVED * size, 1) / math.log(STEP_RATIO)
-            slopes[attribute] = Slope(saved, float(error) * HELD_OUT_SHARE.get(attribute, 1.0))
+            slopes[attribute] = Slope(saved, error * HELD_OUT_SHARE.get(attribute, 1.0))
         steps = equal_slopes(steps, slopes, MIN_GAIN * held_out / (PSNR_OF_ONE * 0.1 * len(fine[0]) / share))
     return steps
 
@@ -251,6 +250,12 @@ def _held_out_error(data: GroupInput, subject: Subject, trained: list[np.ndarray
         errors.append(np.square(image - data.images[frame, view] / np.float32(255)).mean())
     error = float(np.mean(errors))
     return UNTRIED_ERROR_RATIO * error if trial is None else max(error, math.sqrt(error * 10 ** (-trial.psnr / 10)))
+
+
+def _drawing_error(data: GroupInput, moments: Iterable[Shown], trained: list[np.ndarray]) -> float:
+    """Return the mean squared difference between drawings of moments and the drawings `trained` of the same moments."""
+    pairs = zip(moments, trained, strict=True)
+    return float(np.mean([np.square(_draw(data, points, view) - image).mean() for (_, view, points), image in pairs]))
 
 
 def _draw(data: GroupInput, points: Gaussians, view: int) -> np.ndarray:

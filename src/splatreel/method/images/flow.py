@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 import cv2
 import numpy as np
 
+from splatreel.base import threads
 from splatreel.base.errors import MissingDependencyError, UsageError
 from splatreel.method.images.pretrained import Pretrained
 
@@ -78,10 +78,11 @@ def make_flow(name: str) -> Flow:
 def map_views(work: Callable[[int], T], views: int, flow: Flow) -> list[T]:
     """Return the results of `work`, which computes flow, for the views 0, 1 and so on.
 
-    DIS hardly gains from a second core within a pair of frames. Its views run in parallel, on as many cores as OpenCV may use.
+    DIS hardly gains from a second core within a pair of frames. Its views run in parallel. A network takes all cores for a view.
     """
-    with ThreadPoolExecutor(max(cv2.getNumThreads(), 1) if isinstance(flow, DisFlow) else 1) as pool:
-        return list(pool.map(work, range(views)))
+    return (
+        threads.map_parallel(work, range(views)) if isinstance(flow, DisFlow) else [work(view) for view in range(views)]
+    )
 
 
 class _ThreadCache(threading.local):

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 from scipy.spatial import KDTree
 
+from splatreel.base import threads
 from splatreel.base.errors import ReconstructionError
 from splatreel.method.init import planesweep
 from splatreel.method.init.planesweep import DepthMap, narrow_ranges, seen_depths
@@ -103,12 +104,12 @@ def initial_points(
         maps = planesweep.sweep(cameras, images, ranges, width=width, planes=planes)
         source += "+swept"
     needed = min(2, len(cameras) - 1)
-    surfaces = [_seen_surface(m, needed, r) for m, r in zip(maps, ranges[: len(maps)], strict=True)]
+    surfaces = threads.map_parallel(lambda k: _seen_surface(maps[k], needed, ranges[k]), range(len(maps)))
     found = _within(_Cloud.concatenate([_Cloud(sparse, colors, _finest_grain(cameras, sparse)), *surfaces]), within)
     if len(found.points) < ENOUGH_POINTS:
         found, source = _within(_random_points(cameras, images, ranges, rng), within), "random"
     else:
-        filled = [_within(_filled(m, needed, sparse), within) for m in maps]
+        filled = threads.map_parallel(lambda m: _within(_filled(m, needed, sparse), within), maps)
         found = _Cloud.concatenate([_thin(found, MAX_POINTS), *filled])
         found = found[~_refuted(found.points, maps, needed)]
     if not len(found.points):
@@ -235,15 +236,18 @@ def _filled(depth_map: DepthMap, needed: int, sparse: np.ndarray) -> _Cloud:
 
 def _refuted(points: np.ndarray, maps: list[DepthMap], needed: int) -> np.ndarray:
     """Return [P] bool, the points that more trusted depths look through than confirm."""
-    balance = np.zeros(len(points), int)
-    for m in maps:
+
+    def balance_of(m: DepthMap) -> np.ndarray:
+        balance = np.zeros(len(points), int)
         pixels, depth = project(m.camera, points)
         visible = np.flatnonzero(inside(m.camera, pixels))
         column, row = pixels[visible].astype(int).T
         visible, column, row = (a[m.agreeing[row, column] >= needed] for a in (visible, column, row))
         beyond = m.depth[row, column] / depth[visible] - 1
-        balance[visible] += (beyond > FREE_SPACE).astype(int) - (np.abs(beyond) <= FREE_SPACE / 2)
-    return balance > 0
+        balance[visible] = (beyond > FREE_SPACE).astype(int) - (np.abs(beyond) <= FREE_SPACE / 2)
+        return balance
+
+    return np.sum(threads.map_parallel(balance_of, maps), 0) > 0
 
 
 def _random_points(cameras: list[Camera], images: np.ndarray, ranges: np.ndarray, rng: np.random.Generator) -> _Cloud:

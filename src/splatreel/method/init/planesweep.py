@@ -11,7 +11,6 @@ Source:
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -32,6 +31,8 @@ AGREEMENT_PLANES = 1.5
 MAX_SPACING, WANTED_SPACING = 5.0, 1.5
 """Spacing of planes, pixels: the range is refined above `MAX_SPACING`, to a spacing of `WANTED_SPACING`."""
 MOST_PLANES = 320
+MOST_VOLUMES = 8
+"""Maximum number of cost volumes in memory, up to 200 MB each."""
 SAMPLE_GRID, DEPTH_LEVELS = (9, 7), 256
 """Samples: pixels across and down an image, and inverse depths."""
 MIN_PIXEL_SHARE, MIN_PARTNERS = 0.05, 2
@@ -71,16 +72,14 @@ def sweep(
         best = _best_levels(_aggregate(cost, grays[i]))
         return (1 / (levels[0] + steps[i] * best)).astype(np.float32)
 
-    with ThreadPoolExecutor(min(threads.count(), 8)) as pool:  # compiled kernels and OpenCV release the GIL
-        depths = list(pool.map(depth_of, range(len(cameras))))
-    agreeing = [
-        sum(_agreement(small_cameras[i], depths[i], steps[i], small_cameras[j], depths[j]) for j in nearest[i])
-        for i in range(len(cameras))
-    ]
-    return [
-        DepthMap(c, image, d, np.asarray(a, np.uint8))
-        for c, image, d, a in zip(small_cameras, small, depths, agreeing, strict=True)
-    ]
+    with threads.at_most(MOST_VOLUMES):
+        depths = threads.map_parallel(depth_of, range(len(cameras)))
+
+    def compared(i: int) -> DepthMap:
+        found = [_agreement(small_cameras[i], depths[i], steps[i], small_cameras[j], depths[j]) for j in nearest[i]]
+        return DepthMap(small_cameras[i], small[i], depths[i], np.asarray(sum(found), np.uint8))
+
+    return threads.map_parallel(compared, range(len(cameras)))
 
 
 def seen_depths(cameras: list[Camera], points: np.ndarray) -> list[np.ndarray]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from splatreel.base import threads
 from splatreel.scene.camera import Camera
 
 MAX_FEATURES = 3000
@@ -119,12 +120,16 @@ def triangulate(cameras: list[Camera], images: np.ndarray, neighbors: int = 8) -
 
     Images without texture give no points; that is not an error.
     """
-    features = [detect(image) for image in images]
+    features = threads.map_parallel(detect, images)
     first = np.cumsum([0] + [len(f.pixels) for f in features])
     edges: list[np.ndarray] = [np.zeros((0, 2), np.int64)]
-    for i, j in neighbor_pairs(cameras, neighbors):
+
+    def edges_of(pair: tuple[int, int]) -> np.ndarray:
+        i, j = pair
         matches = match(cameras[i], cameras[j], features[i], features[j], EPIPOLAR_PIXELS)
-        edges.append(matches + np.array([first[i], first[j]]))
+        return matches + np.array([first[i], first[j]])
+
+    edges += threads.map_parallel(edges_of, neighbor_pairs(cameras, neighbors))
     pairs = np.concatenate(edges)
     camera = np.repeat(np.arange(len(cameras)), np.diff(first))
     pixels = np.concatenate([f.pixels for f in features])

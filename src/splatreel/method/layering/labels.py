@@ -178,8 +178,9 @@ def changes_of_light(points: Gaussians, cameras: list[Camera], frames: np.ndarra
     shown = _brightness_of(points, cameras, frames, near)
     changed = (np.abs(shown) > MIN_CHANGE).sum(2) >= MIN_FRAMES  # unseen points are NaN, which compares false
     index = np.flatnonzero(changed.sum(0) >= MIN_VIEWS)
-    parts = (shown[:, index[start : start + BLOCK]] for start in range(0, len(index), BLOCK))
-    light = np.concatenate([found[:, :0], *map(_common_changes, parts)], 1)
+    parts = [index[start : start + BLOCK] for start in range(0, len(index), BLOCK)]
+    common = threads.map_parallel(lambda part: _common_changes(shown[:, part]), parts)
+    light = np.concatenate([found[:, :0], *common], 1)
     strength = np.where((np.abs(light) > MIN_CHANGE).sum(0) >= MIN_FRAMES, np.abs(light).sum(0), 0)
     room = min(int(MAX_CHANGED_SHARE * len(points)), np.count_nonzero(strength))
     strongest = np.argsort(-strength, kind="stable")[:room]
@@ -190,16 +191,19 @@ def changes_of_light(points: Gaussians, cameras: list[Camera], frames: np.ndarra
 def _brightness_of(points: Gaussians, cameras: list[Camera], frames: np.ndarray, near: float) -> np.ndarray:
     """Return the log brightness [C, N, T] of each point in each view, relative to the keyframe; NaN where not seen."""
     shown = np.full((len(cameras), len(points), len(frames)), np.nan, np.float32)
-    for row, camera, film in zip(shown, cameras, frames.swapaxes(0, 1), strict=True):
-        small = _shrunk(camera)
+
+    def fill(view: int) -> None:
+        row, small = shown[view], _shrunk(cameras[view])
         bright = partial(_brightness, width=small.width, height=small.height)
-        images = np.stack(threads.map_parallel(bright, film), 2)
+        images = np.stack(threads.map_parallel(bright, frames[:, view]), 2)
         images -= images[..., :1].copy()
         images -= np.median(images[::3, ::3], (0, 1))  # remove exposure and light of the whole scene
         images = np.concatenate([images, np.ones_like(images[..., :1])], 2)
         sums = gather_images(points, small, images, near)
         seen = sums[:, -1] > MIN_SEEN_PIXELS
         row[seen] = sums[seen, :-1] / sums[seen, -1:]
+
+    threads.map_parallel(fill, range(len(cameras)))
     return shown
 
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from splatreel.base import threads
 from splatreel.base.errors import ReconstructionError
 from splatreel.config import LayeringConfig
 from splatreel.kernels import adam, rasterize, splat
@@ -74,9 +75,14 @@ def gather_images(points: Gaussians, camera: Camera, images: np.ndarray, near: f
 
 
 def _contributions(points: Gaussians, cameras: list[Camera], masks: np.ndarray, near: float) -> _Contributions:
+
+    def of_view(view: int) -> np.ndarray:
+        images = np.stack([masks[view], np.ones_like(masks[view])], -1).astype(np.float32)
+        return gather_images(points, cameras[view], images, near)
+
     sums = np.zeros((len(points), 2), np.float32)
-    for camera, mask in zip(cameras, masks, strict=True):
-        sums += gather_images(points, camera, np.stack([mask, np.ones_like(mask)], -1).astype(np.float32), near)
+    for found in threads.map_parallel(of_view, range(len(cameras))):  # in the order of the cameras, for equal bits
+        sums += found
     return _Contributions(sums[:, 0], sums[:, 1])
 
 

@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
-from scipy.spatial import KDTree
 
+from splatreel.base import threads
 from splatreel.kernels import rigid, sceneflow, splat
 from splatreel.kernels.rigid import Template, Views
 from splatreel.method.images.flow import Flow, map_views
@@ -24,6 +23,8 @@ SMOOTHING_ROUNDS = 3
 """Rounds of reweighting in the smoothing of neighbors' motions."""
 NEIGHBORS = 16
 """Number of neighbors whose motions are averaged with a point's own."""
+BLOCK = 1024
+"""Points whose motions are averaged at a time."""
 
 
 class PointTracks:
@@ -86,7 +87,9 @@ class Tracker:
 
     def set_occluders(self, static: Gaussians) -> None:
         """Replace the points that may occlude tracked points."""
-        self.static_depths = [_depth_and_flow(static, None, camera, self.near)[0] for camera in self.half_cameras]
+        self.static_depths = threads.map_parallel(
+            lambda camera: _depth_and_flow(static, None, camera, self.near)[0], self.half_cameras
+        )
 
     def step(self, tracks: list[PointTracks], frame: int) -> None:
         """Advance tracks from a frame to the next."""
@@ -137,11 +140,13 @@ class Tracker:
 
     def _depths_and_guesses(self, points: Gaussians, motion: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Return depths [C, ceil(H / 2), ceil(W / 2)] of occluders and these points, and the flow [.., 2] of a motion [N, 3]."""
-        depths, guesses = [], []
-        for static, camera in zip(self.static_depths, self.half_cameras, strict=True):
-            depth, flow = _depth_and_flow(points, motion, camera, self.near)
-            depths.append(np.minimum(static, depth))
-            guesses.append(np.where((depth <= static)[..., None], flow, np.float32(0)))
+
+        def of_view(view: int) -> tuple[np.ndarray, np.ndarray]:
+            static = self.static_depths[view]
+            depth, flow = _depth_and_flow(points, motion, self.half_cameras[view], self.near)
+            return np.minimum(static, depth), np.where((depth <= static)[..., None], flow, np.float32(0))
+
+        depths, guesses = zip(*threads.map_parallel(of_view, range(len(self.cameras))), strict=True)
         return np.stack(depths), np.stack(guesses)
 
     def _flow_of_view(self, here: int, there: int, guesses: np.ndarray, wanted: np.ndarray, camera: int) -> np.ndarray:
@@ -192,7 +197,19 @@ def _smooth(motion: np.ndarray, certainty: np.ndarray, neighbors: np.ndarray | N
     """Return the motion shared by each point and its neighbors. At an object's edge, flow often belongs to the background."""
     if neighbors is None:
         return motion
-    group = np.concatenate([np.arange(len(motion))[:, None], neighbors], 1)
+    smooth = np.empty_like(motion)
+
+    def fill(first: int, last: int) -> None:
+        group = np.concatenate([np.arange(first, last)[:, None], neighbors[first:last]], 1)
+        smooth[first:last] = _shared_motion(motion, certainty, group)
+
+    # A fixed number of points at a time: they fit into a cache, and the result does not depend on the number of threads.
+    threads.map_parallel(lambda first: fill(first, min(first + BLOCK, len(motion))), range(0, len(motion), BLOCK))
+    return smooth
+
+
+def _shared_motion(motion: np.ndarray, certainty: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """Return the robust mean [M, 3] of the motions of groups of points. group: [M, K] indices."""
     weight, moves = certainty[group] + np.float32(1e-3), motion[group]
     center = (moves * weight[..., None]).sum(1) / weight.sum(1, keepdims=True)
     middle = (group.shape[1] - 1) // 2
@@ -284,5 +301,4 @@ class RigidPatches:
 
 def _nearest(points: np.ndarray, queries: np.ndarray, ranks: Sequence[int]) -> np.ndarray:
     """Return [Q, R] int64, the points of certain ranks by distance from each query, ranks from 0."""
-    wanted: Any = [rank + 1 for rank in ranks]
-    return np.asarray(KDTree(points).query(queries, k=wanted)[1], np.int64)
+    return np.ascontiguousarray(splat.nearest_neighbors(points, max(ranks) + 1, queries)[0][:, list(ranks)])

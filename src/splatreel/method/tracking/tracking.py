@@ -12,6 +12,7 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from splatreel.base import threads
 from splatreel.base.progress import Progress
 from splatreel.config import LayeringConfig
 from splatreel.kernels import photo_consistency
@@ -186,13 +187,18 @@ class ChangeDetector:
 
     def _draw_backdrops(self, drawn: np.ndarray) -> list[Backdrop]:
         """Draw the static points of a mask [A] bool for every camera."""
-        return [self.data.backdrop(self.static[drawn], camera) for camera in self.data.cameras]
+        static = self.static[drawn]
+        return threads.map_parallel(lambda camera: self.data.backdrop(static, camera), self.data.cameras)
 
     def _compare(self, backdrops: list[Backdrop], moving: Gaussians, frame: int) -> ErrorMasks:
         """Return masks [C, H, W] of the pixels in which the views of a frame differ from the scene. Missing images are right."""
         scene = Gaussians.concatenate([self.relit.at(frame), moving])
-        views = zip(backdrops, self.data.images[frame], self.data.gains, strict=True)
-        found = [error_masks(backdrop.with_others(scene) * gain, image) for backdrop, image, gain in views]
+
+        def of_view(view: int) -> ErrorMasks:
+            drawn = backdrops[view].with_others(scene) * self.data.gains[view]
+            return error_masks(drawn, self.data.images[frame, view])
+
+        found = threads.map_parallel(of_view, range(len(backdrops)))
         masks = ErrorMasks(*(np.stack(masks) for masks in zip(*found, strict=True)))
         if self.data.missing is not None:
             masks.error[self.data.missing[frame]] = masks.uncertain[self.data.missing[frame]] = False

@@ -86,9 +86,10 @@ class CpuProgram(ABC, Generic[D, G]):
         """Run draws from one state, each on its share of the threads if they draw different views."""
         places = [self.prepare(draw) for draw in draws]
         found: list[G] = [None] * len(draws)  # type: ignore[list-item]
+        share = threads.count() // len(draws)
 
         def compute(first: int, last: int) -> None:
-            with threads.divided(len(draws)):
+            with threads.at_most(share):
                 for k in range(first, last):
                     found[k] = self.gradients(draws[k], places[k])
 
