@@ -27,7 +27,7 @@ from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.encode.step_choice import encode_group_by_slope, encode_layer_by_slope
 from splatreel.method.prediction.quality import Coverage
-from splatreel.play.timeline import Moment, Timeline
+from splatreel.play.timeline import Moment, Part, Timeline
 from splatreel.run.steps import EXPOSURE, KEYFRAME
 from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians, StaticPoints
@@ -97,7 +97,8 @@ class FirstGroup:
 
     def _images(self, points: Gaussians, group: Group) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         for frame, truths in zip(self.frames, self.truths, strict=True):
-            parts = [(points[group.alive], True), (group.at(float(frame)), False)]
+            shown = ((points[group.alive], True), (group.at(float(frame)), False))
+            parts = [Part(each, still, np.arange(len(each))) for each, still in shown]
             moment = Moment.join(parts, group.light_at(float(frame)))
             for view, truth in zip(self.views, truths, strict=True):
                 yield np.clip(self.render(moment, view), 0, 1), truth

@@ -43,7 +43,7 @@ def draw_on_cpu(gaussians: Gaussians, camera: Camera, near: float, antialias: bo
     return render_image(gaussians, camera, near=near, antialias=antialias, background=background)
 
 
-class _Part(NamedTuple):
+class Part(NamedTuple):
     """Gaussians that are all static or all dynamic, with their ids."""
 
     points: Gaussians
@@ -69,7 +69,7 @@ class Moment(Gaussians):
 
     @staticmethod
     def join(
-        parts: list[_Part],
+        parts: list[Part],
         light: np.ndarray | None,
         fade: tuple[Moment, Moment, float] | None = None,
     ) -> Moment:
@@ -267,12 +267,12 @@ class Timeline:
         ]
         return Moment.join([both, *faded], light, (before, after, weight))
 
-    def _static(self, group: int, shown: np.ndarray) -> _Part:
+    def _static(self, group: int, shown: np.ndarray) -> Part:
         """Return some static points of a group, as a mask of all in its layers."""
         layers = self.manifest.living_layers(group)
         counts = [self.manifest.layers[index].points for index in layers]
         ids = [(index << _ROWS) + np.arange(count) for index, count in zip(layers, counts, strict=True)]
-        return _Part(self.reel.static(group)[0][shown], True, np.concatenate([np.zeros(0, np.int64), *ids])[shown])
+        return Part(self.reel.static(group)[0][shown], True, np.concatenate([np.zeros(0, np.int64), *ids])[shown])
 
     def _points_of(self, layers: list[int], group: int) -> np.ndarray:
         """Return which static points of a group belong to `layers`, [S] bool."""
@@ -281,10 +281,10 @@ class Timeline:
         return np.repeat(np.isin(living, layers), counts).astype(bool)
 
 
-def _dynamic(group: Group, frame: float) -> _Part:
+def _dynamic(group: Group, frame: float) -> Part:
     """Return the dynamic points of a group at a frame of the reel."""
     points = group.at(frame - group.first_frame)
-    return _Part(points, False, _GROUPS + (group.index << _ROWS) + np.arange(len(points)))
+    return Part(points, False, _GROUPS + (group.index << _ROWS) + np.arange(len(points)))
 
 
 def open_reel(location: str | Path, rendition: str | None = None, most: int | None = None) -> Timeline:
