@@ -30,6 +30,8 @@ opacities and spherical harmonics."""
 _RGB_BOUND, _ALPHA_BOUND = 1.5 / 255, 3 / 255
 """Half the steps of colors and opacities. They differ from those of fourdgs' profile "default", whose others are taken."""
 _DEGREE = 3
+_ENOUGH = 0.01
+"""Share of rows whose view-dependent color must be stronger than a step for a band to be written, as for a mirror in a room."""
 _LEVEL = 9
 _COEFFICIENTS = {1: slice(0, 3), 2: slice(3, 8), 3: slice(8, 15)}
 """Spherical harmonics of each band, without the constant one."""
@@ -242,7 +244,7 @@ class _Encoder:
             opcode.A_ROTATION: rest,
             opcode.A_COLOR: quantization.rct_forward(quantization.quantize(color, steps.rgb)),
             opcode.A_OPACITY: quantization.quantize(np.clip(mean[:, 4], 0, 1), steps.alpha),
-            opcode.A_MOTION: quantization.quantize(velocity * self._fps, pitch),
+            opcode.A_MOTION: quantization.quantize(velocity * self._fps / pitch, 1.0),
             opcode.A_MU_T: 2 * rows.begin + 1,
             opcode.A_SIGMA_T: zero,
             opcode.A_FLAGS: zero + opcode.FLAG_NEVER_FADES,
@@ -281,10 +283,7 @@ def _bytes(sh: np.ndarray, ids: np.ndarray) -> np.ndarray:
 
 
 def _degree(sh: np.ndarray) -> int:
-    """Return the degree at which bytes are nearest to spherical harmonics [N, 15, 3], the constant one left out.
-
-    A band that is weaker than the error of its bytes is better left out.
-    """
-    noise = ((HIGHEST - LOWEST) / 255) ** 2 / 12
-    gains = [float(np.sum(sh[:, band] ** 2 - noise)) for band in _COEFFICIENTS.values()]
-    return int(np.argmax(np.cumsum([0.0, *gains])))
+    """Return the highest band in which enough Gaussians differ from zero by a step. `sh`: [N, 15, 3], the constant one left out."""
+    strong = np.abs(sh) > (HIGHEST - LOWEST) / 255
+    needed = [band for band, of_band in _COEFFICIENTS.items() if strong[:, of_band].any((1, 2)).mean() > _ENOUGH]
+    return max(needed, default=0)
