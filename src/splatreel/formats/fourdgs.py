@@ -1,8 +1,7 @@
 """Reader of files in the container format .4dgs, by the package fourdgs. It samples continuous time.
 
-A stream of one repeated value takes a few bytes of the file for any number of points, and
-a zstd frame states a size that its decoder allocates. The package fourdgs limits each stream to half a gigabyte, but not their sum;
-`check_memory` limits the sum.
+A stream of one repeated value takes a few bytes of the file for any number of points, and a zstd frame states a size that its decoder
+allocates. The package fourdgs limits each stream to half a gigabyte, but not their sum; `check_memory` limits the sum.
 """
 
 from __future__ import annotations
