@@ -1,6 +1,8 @@
 """Scenes in the .4dgs format, written by its own library."""
 
 import tracemalloc
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,8 +10,12 @@ import numpy as np
 import pytest
 
 from splatreel.base.errors import GaussiansError
+from splatreel.formats.fourdgs import FourdgsScene
+from splatreel.formats.fourdgs_writer import write_fourdgs
+from splatreel.formats.registry import Placement
 from splatreel.importing.frames import open_frames
-from splatreel.scene.gaussians import C0
+from splatreel.scene import rotations
+from splatreel.scene.gaussians import C0, Gaussians
 
 fourdgs = pytest.importorskip("fourdgs")
 N = 12
@@ -47,6 +53,63 @@ def test_scene_is_sampled_in_time(tmp_path: Path) -> None:
     np.testing.assert_allclose(points.scales, given.scales[order], rtol=0.05)
     cosines = (points.quats[:, [1, 2, 3, 0]] * given.rotations[order]).sum(1)
     np.testing.assert_allclose(np.abs(cosines), 1, atol=0.01)
+
+
+class Flight:
+    """A film of 40 points, 10 frames a second. Some fly straight on, and one of them turns back in the middle."""
+
+    placement = Placement(np.array([1.0, 0, 0, 0]), None, False)
+    seconds = tuple(np.arange(20) / 10)
+
+    def __init__(self, view_dependent: float) -> None:
+        rng = np.random.default_rng(0)
+        sh = np.concatenate([rng.uniform(-1, 1, (40, 1, 3)), rng.normal(0, view_dependent, (40, 15, 3))], 1)
+        quats = rotations.normalize(rng.normal(size=(40, 4)))
+        self.points = Gaussians(rng.uniform(-1, 1, (40, 3)), quats, np.full((40, 3), 0.05), np.full(40, 0.8), sh)
+        self.velocity = np.where(np.arange(40) < 10, 0.5, 0.0)
+
+    def identified(self, seconds: float) -> tuple[Gaussians, np.ndarray]:
+        way = self.velocity * seconds
+        way[0] -= max(seconds - 1, 0)
+        moved = replace(self.points, means=self.points.means + way[:, None] * [1, 0, 0])
+        order = np.random.default_rng(int(seconds * 10)).permutation(40)
+        return moved[order], order.astype(np.int64) + (1 << 62)
+
+    def at(self, seconds: float) -> Gaussians:
+        return self.identified(seconds)[0]
+
+    def __iter__(self) -> Iterator[Gaussians]:
+        return map(self.at, self.seconds)
+
+
+def test_straight_paths_are_one_row_and_turns_begin_another(tmp_path: Path) -> None:
+    path, film = tmp_path / "scene.4dgs", Flight(0.2)
+    write_fourdgs(path, film, 10)
+    scene = FourdgsScene(path, 10)
+    assert 41 <= scene._scene.gaussians.count <= 42
+    for frame, seconds in enumerate(film.seconds):
+        points, ids = film.identified(seconds)
+        expected, back = points[np.argsort(ids)], scene.read(frame)
+        found = np.abs(back.sh[:, 0][None] - expected.sh[:, 0][:, None]).sum(2).argmin(1)
+        assert len(np.unique(found)) == len(back) == 40
+        # 0.2 of the scale of 0.05, and half a step of 0.005
+        np.testing.assert_allclose(back.means[found], expected.means, atol=0.0125)
+        np.testing.assert_allclose(back.sh[found], expected.sh, atol=0.04)
+        assert np.abs((back.quats[found] * expected.quats).sum(1)).min() > 0.9999
+
+
+def test_errors_of_view_dependent_color_cancel_between_neighbors(tmp_path: Path) -> None:
+    path, film = tmp_path / "scene.4dgs", Flight(0.2)
+    film.points.sh[:, 12:] = 0.001
+    write_fourdgs(path, film, 10)
+    error = FourdgsScene(path, 10).read(0).sh.mean(0) - film.points.sh.mean(0)
+    assert np.abs(error[1:]).max() < 8 / 255 / 40 + 1e-6
+
+
+@pytest.mark.parametrize(("strength", "degree"), [(0.2, 3), (0.001, 0)])
+def test_view_dependent_color_below_its_steps_is_left_out(tmp_path: Path, strength: float, degree: int) -> None:
+    write_fourdgs(tmp_path / "scene.4dgs", Flight(strength), 10)
+    assert FourdgsScene(tmp_path / "scene.4dgs", 10).read(0).sh_degree == degree
 
 
 def test_damaged_file_is_named(tmp_path: Path) -> None:

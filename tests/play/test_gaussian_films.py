@@ -6,13 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatreel.formats.fourdgs import FourdgsScene, write_fourdgs
+from splatreel.evaluation.metrics import psnr
+from splatreel.formats.fourdgs import FourdgsScene
+from splatreel.formats.fourdgs_writer import write_fourdgs
 from splatreel.formats.usd import estimate_bytes, write_usd
+from splatreel.kernels.image import render_image
 from splatreel.play.gaussian_export import GaussianExport
 from splatreel.play.timeline import open_reel
 from splatreel.scene.gaussians import Gaussians, turned
 from splatreel.scene.volumes import Box
-from tests.golden import PREDICTIVE
+from tests.golden import PREDICTIVE, camera
 
 
 @pytest.fixture
@@ -42,6 +45,8 @@ def test_usd_states_meters_and_srgb_and_is_about_as_large_as_estimated(
     colors = splats.GetAttribute("radiance:sphericalHarmonicsCoefficients")
     assert Usd.ColorSpaceAPI(splats).GetColorSpaceNameAttr().Get() == "srgb_rec709_scene"
     assert colors.GetColorSpace() == "srgb_rec709_scene"
+    assert UsdGeom.Primvar(colors).GetInterpolation() == "vertex"
+    assert UsdGeom.Primvar(colors).GetElementSize() == frame_of(film, 0).sh.shape[1]
     size = path.stat().st_size
     assert 0.7 * size < estimate_bytes(path, film) < 1.4 * size
 
@@ -78,7 +83,8 @@ def test_usd_with_equal_counts_interpolates_within_and_between_groups(tmp_path: 
     path = tmp_path / "f.usdc"
     equal = replace(film, equal_counts=True)
     write_usd(path, equal, 30)
-    splats = UsdVol.ParticleField3DGaussianSplat(Usd.Stage.Open(str(path)).GetDefaultPrim())
+    stage = Usd.Stage.Open(str(path))
+    splats = UsdVol.ParticleField3DGaussianSplat(stage.GetDefaultPrim())
     frames = [turned(points, film.placement.turn) for points in equal]
     for frame in range(len(frames) - 1):
         between = (frames[frame].opacities + frames[frame + 1].opacities) / 2
@@ -98,6 +104,36 @@ def test_fourdgs_shows_the_points_of_every_frame_and_stores_resting_points_once(
         assert len(back) == len(points)
         assert np.abs(np.sort(points.means[:, 0]) - np.sort(back.means[:, 0])).max() < 0.01
     assert scene._scene.gaussians.count < 0.8 * sum(len(points) for points in film)
+
+
+def test_fourdgs_is_valid_for_its_own_package_and_looks_like_the_reel(tmp_path: Path, film: GaussianExport) -> None:
+    """Read all points of a time from the chunks that the index names for it."""
+    pytest.importorskip("fourdgs")
+    from fourdgs import indexed_reader, readable, validate  # pyright: ignore[reportMissingImports] - optional
+
+    path = tmp_path / "f.4dgs"
+    write_fourdgs(path, film, film.source.fps)
+    data = path.read_bytes()
+    assert validate.validate(data).findings == []
+    scene, file = FourdgsScene(path, film.source.fps), readable.BytesReadable(data)
+    index = indexed_reader.open_indexed(file)
+    windows = np.array(index.windows)
+    for frame in range(len(scene)):
+        seconds = (frame + 0.5) / film.source.fps
+        chunks = [indexed_reader.read_chunk(file, index, entry) for entry in index.chunks_for_time(seconds)]
+        begin, end = windows[np.concatenate([chunk["window_index"] for chunk in chunks])].T
+        points, back = frame_of(film, frame), scene.read(frame)
+        assert np.sum((begin <= seconds) & (seconds < end)) == len(back)
+        images = [
+            np.clip(render_image(turned(shown, undone(film.placement.turn)), camera("c", 0.2)), 0, 1)
+            for shown in (points, back)
+        ]
+        assert images[0].std() > 0.05
+        assert psnr(images[1], images[0]) > 30
+
+
+def undone(turn: np.ndarray) -> np.ndarray:
+    return turn * [1, -1, -1, -1]
 
 
 def test_crop_keeps_what_is_in_the_box(film: GaussianExport) -> None:

@@ -249,7 +249,7 @@ def _write_folder(film: GaussianExport, out: Path, kind: str, every: int) -> Non
 
 def _write_gaussian_film(film: GaussianExport, out: Path, every: int) -> None:
     """Write all frames into one file of Gaussians."""
-    from splatreel.formats.fourdgs import write_fourdgs
+    from splatreel.formats.fourdgs_writer import write_fourdgs
     from splatreel.formats.usd import estimate_bytes, write_usd
 
     times = list(film.seconds)

@@ -62,6 +62,10 @@ class Film(Protocol):
         """Return the Gaussians at a time."""
         ...
 
+    def identified(self, seconds: float) -> tuple[Gaussians, np.ndarray]:
+        """Return the Gaussians at a time, and numbers [N] by which each is found again at other times."""
+        ...
+
     def __iter__(self) -> Iterator[Gaussians]:
         """Yield the Gaussians at each time."""
         ...

@@ -113,6 +113,8 @@ def _changed_bytes(before: Gaussians | None, points: Gaussians) -> int:
 
 
 def _set_frame(splats: Any, frame: int, before: Gaussians | None, points: Gaussians) -> None:
+    from pxr import UsdGeom  # pyright: ignore[reportMissingImports] - optional
+
     for name, kind in _kinds().items():
         old, new = None if before is None else getattr(before, name), getattr(points, name)
         if old is not None and np.array_equal(old, new):
@@ -130,6 +132,9 @@ def _set_frame(splats: Any, frame: int, before: Gaussians | None, points: Gaussi
     extent = _attribute(splats, "Extent")
     if before is None:
         _attribute(splats, "RadianceSphericalHarmonicsDegree").Set(points.sh_degree)
+        harmonics = UsdGeom.Primvar(_attribute(splats, _NAMES["sh"]))
+        harmonics.SetInterpolation(UsdGeom.Tokens.vertex)
+        harmonics.SetElementSize(points.sh.shape[1])
         extent.Set(ends)
     extent.Set(ends, frame)
 

@@ -55,7 +55,8 @@ class GaussianExport:
         points: Gaussians = self.source.at(seconds)
         return points if self.crop is None else points[self.crop.contains(points.means)]
 
-    def _identified(self, seconds: float) -> tuple[Gaussians, np.ndarray]:
+    def identified(self, seconds: float) -> tuple[Gaussians, np.ndarray]:
+        """Return the cropped Gaussians at a time, and their numbers within the reel, see `Moment.ids`."""
         moment = self.source.at(seconds)
         inside = slice(None) if self.crop is None else self.crop.contains(moment.means)
         return moment[inside], moment.ids[inside]
@@ -73,7 +74,7 @@ class GaussianExport:
     def __iter__(self) -> Iterator[Gaussians]:
         """Yield the Gaussians at each time."""
         if self.equal_counts:
-            return iter(EqualCounts(self.seconds, self._identified))
+            return iter(EqualCounts(self.seconds, self.identified))
         return (self.at(seconds) for seconds in self.seconds)
 
     def write(self, path: Path, kind: str, points: Gaussians) -> None:
