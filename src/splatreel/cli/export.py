@@ -36,7 +36,7 @@ class ChangeOptions:
 
     up: Literal["x", "-x", "y", "-y", "z", "-z", "capture"] | None = None
     """Axis of the exported Gaussians that points up, or capture for the axes of the capture; by default that of the format, which is -y
-    for PLY, SOG and .splat, as in 3DGS, and y for SPZ, glTF, USD and .4dgs, and z for .blend."""
+    for PLY, SOG and .splat, as in 3DGS, y for SPZ, glTF, USD and .4dgs, z for .blend."""
     crop: str | None = None
     """Volume to keep, in the coordinates of the reel, as `splatreel edit` takes it: box:x,y,z,X,Y,Z, sphere:x,y,z,RADIUS,
     cylinder:x,y,z,RADIUS,HEIGHT or capture."""
@@ -92,26 +92,10 @@ def export(
     reader = _program(program)
     kind = _kind(out, format) if reader is None else _kind_for(reader, program or "", out, format)
     if out.suffix == ".html":
-        if (
-            any(value is not None for value in (frame, at, frames, width, path))
-            or every > 1
-            or changes.given
-            or equal_counts
-        ):
-            raise UsageError(
-                "A page holds the whole reel. Leave out --frame, --at, --frames, --every, --width, --path, --up, --crop, "
-                "--equal-counts."
-            )
-        _write_page(reel, out, rendition)
+        options = (frame, at, frames, width, path, changes.up, changes.crop)
+        _write_page(reel, out, rendition, any(value is not None for value in options) or every > 1 or equal_counts)
         return
-    if equal_counts and (out.suffix in (".4dgs", ".blend", ".mp4") or (kind is not None and out.suffix)):
-        raise UsageError("--equal-counts is for a folder of files and for USD. Leave it out for other files.")
-    if path is not None and out.suffix != ".blend" and (out.suffix != ".mp4" or frames is not None):
-        raise UsageError("--path is for films (--out F.mp4), and holds the times that they show: leave out --frames.")
-    if (changes.given or every > 1) and out.suffix == ".mp4":
-        raise UsageError("--up, --crop and --every are for files of Gaussians. Leave them out for a film.")
-    if every < 1:
-        raise UsageError(f"--every {every}: give a whole number of frames, 1 or more.")
+    _check_options(out, kind, frames, path, equal_counts, changes, every)
     from splatreel.play.gaussian_export import GaussianExport
     from splatreel.play.timeline import open_reel
     from splatreel.scene.volumes import parse_volume
@@ -139,6 +123,28 @@ def export(
         else:
             _write_folder(film, out, kind, every)
     _say_losses(film, out, kind)
+
+
+def _check_options(
+    out: Path,
+    kind: str | None,
+    frames: str | None,
+    path: Path | None,
+    equal_counts: bool,
+    changes: ChangeOptions,
+    every: int,
+) -> None:
+    """Raise `UsageError` for options that do not fit the output."""
+    if equal_counts and (out.suffix in (".4dgs", ".blend", ".mp4") or (kind is not None and out.suffix)):
+        raise UsageError("--equal-counts is for a folder of files and for USD. Leave it out for other files.")
+    if path is not None and out.suffix not in (".blend", ".mp4"):
+        raise UsageError("--path is for films (--out F.mp4) and .blend files. Leave it out for other files.")
+    if path is not None and out.suffix == ".mp4" and frames is not None:
+        raise UsageError("--path holds the times that a film shows. Leave out --frames.")
+    if (changes.given or every > 1) and out.suffix == ".mp4":
+        raise UsageError("--up, --crop and --every are for files of Gaussians. Leave them out for a film.")
+    if every < 1:
+        raise UsageError(f"--every {every}: give a whole number of frames, 1 or more.")
 
 
 def _kind(out: Path, format: FrameKind | None) -> str | None:
@@ -310,7 +316,12 @@ def _say_losses(film: GaussianExport, out: Path, kind: str | None) -> None:
         )
 
 
-def _write_page(reel: str, out: Path, rendition: str | None) -> None:
+def _write_page(reel: str, out: Path, rendition: str | None, has_options: bool) -> None:
+    """Write the player and the whole reel into one page. Options that select a part of a reel are refused."""
+    if has_options:
+        raise UsageError(
+            "A page holds the whole reel. Leave out --frame, --at, --frames, --every, --width, --path, --up, --crop, --equal-counts."
+        )
     from splatreel.play.player_page import write_standalone
 
     sweep(out.parent, out.name)

@@ -21,8 +21,10 @@ NO_SOUND = "SPLATREEL: this Blender was built without sound"
 """Line of the output for a sound that was left out, as in the module `bpy`."""
 _REACH, _FACES = 3.0, 2
 """Radius of a splat in standard deviations, and subdivisions of the icosphere that covers it."""
-_BOUNCES, _KEPT = 1024, 32
-"""Surfaces that a ray of Cycles may pass, two for each splat, and those before it may end at random, which is noise."""
+_CORNERS = 8
+"""Corners of the disc."""
+_BOUNCES, _KEPT = 1024, 64
+"""Surfaces that a ray of Cycles may pass, and those before it may end at random, which is noise."""
 _KINDS = {"position": "FLOAT_VECTOR", "rotation": "FLOAT_VECTOR", "color": "FLOAT_VECTOR", "opacity": "FLOAT"}
 """Properties of a Gaussian that move, and the types of their vectors."""
 
@@ -169,17 +171,41 @@ def _splats_tree(description: Mapping[str, Any], arrays: Mapping[str, np.ndarray
         colors[name] = _linear(tree, color)
     color = _add(tree, "FunctionNodeCombineColor", colors).outputs[0]
     geometry = _store(tree, geometry, "splat", "FLOAT_COLOR", color)
-    sphere = _add(tree, "GeometryNodeMeshIcoSphere", {"Radius": _REACH, "Subdivisions": _FACES}).outputs["Mesh"]
-    sphere = _add(tree, "GeometryNodeSetMaterial", {"Geometry": sphere, "Material": _material()}).outputs[0]
-    terms = {
-        "Points": geometry,
-        "Selection": _math(tree, "GREATER_THAN", opacity, 1 / 255),
-        "Instance": sphere,
-        "Rotation": _attribute(tree, "rotation", "QUATERNION"),
-        "Scale": _attribute(tree, "scale", "FLOAT_VECTOR"),
-    }
-    tree.links.new(_add(tree, "GeometryNodeInstanceOnPoints", terms).outputs[0], end)
+    shows = _math(tree, "GREATER_THAN", opacity, 1 / 255)
+    tree.links.new(_instances(tree, geometry, shows, _material()), end)
     return tree
+
+
+def _instances(tree: Any, points: Any, shows: Any, material: Any) -> Any:
+    """Return the nodes that put an ellipsoid on each point for the viewport, and a disc that faces the camera for renders.
+
+    A ray meets the disc in the middle of the Gaussian, so renders blend splats in the right order. The near side of ellipsoids may lie
+    before other splats, but ellipsoids look right from anywhere. The disc faces the camera in the space in which the Gaussian is round.
+    """
+    rotation, scale = _attribute(tree, "rotation", "QUATERNION"), _attribute(tree, "scale", "FLOAT_VECTOR")
+    place = _add(tree, "GeometryNodeInputPosition").outputs[0]
+    sphere = _add(tree, "GeometryNodeMeshIcoSphere", {"Radius": _REACH, "Subdivisions": _FACES}).outputs["Mesh"]
+    corners = {"Vertices": _CORNERS, "Radius": _REACH / float(np.cos(np.pi / _CORNERS))}
+    disc = _add(tree, "GeometryNodeMeshCircle", corners, fill_type="NGON").outputs[0]
+    viewport = _add(tree, "GeometryNodeIsViewport").outputs[0]
+    shape = _add(tree, "GeometryNodeSwitch", {"Switch": viewport, "False": disc, "True": sphere}, input_type="GEOMETRY")
+    shape = _add(tree, "GeometryNodeSetMaterial", {"Geometry": shape.outputs[0], "Material": material}).outputs[0]
+    camera = _add(tree, "GeometryNodeInputActiveCamera").outputs[0]
+    eye = _add(tree, "GeometryNodeObjectInfo", {"Object": camera}, transform_space="RELATIVE").outputs["Location"]
+    ray = _add(tree, "ShaderNodeVectorMath", {0: eye, 1: place}, operation="SUBTRACT").outputs[0]
+    inverse = _add(tree, "FunctionNodeInvertRotation", {0: rotation}).outputs[0]
+    ray = _add(tree, "FunctionNodeRotateVector", {"Vector": ray, "Rotation": inverse}).outputs[0]
+    ray = _add(tree, "ShaderNodeVectorMath", {0: ray, 1: scale}, operation="DIVIDE").outputs[0]
+    facing = _add(tree, "FunctionNodeAlignRotationToVector", {"Vector": ray}, axis="Z").outputs[0]
+    facing = _add(tree, "FunctionNodeCombineTransform", {"Rotation": facing}).outputs[0]
+    own = {"Translation": place, "Rotation": rotation, "Scale": scale}
+    whole = _add(tree, "FunctionNodeCombineTransform", own).outputs[0]
+    whole = _add(tree, "FunctionNodeMatrixMultiply", {0: whole, 1: facing}).outputs[0]
+    points = _store(tree, points, "place", "FLOAT4X4", whole)
+    terms = {"Points": points, "Selection": shows, "Instance": shape}
+    made = _add(tree, "GeometryNodeInstanceOnPoints", terms).outputs[0]
+    terms = {"Instances": made, "Transform": _attribute(tree, "place", "FLOAT4X4")}
+    return _add(tree, "GeometryNodeSetInstanceTransform", terms).outputs[0]
 
 
 def _linear(tree: Any, value: Any) -> Any:
