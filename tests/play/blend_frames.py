@@ -1,6 +1,6 @@
 """Script for a Python with Blender's module: write the evaluated points of every frame of a .blend file.
 
-    python blend_frames.py SCENE.blend OUT.npz [FRAME.png]
+    python blend_frames.py SCENE.blend OUT.npz
 
 Arrays of frame F start with F/: position, rotation, scale, splat (linear color and opacity, faded), and group, -1 for static points.
 """
@@ -16,24 +16,9 @@ SIZES = {"position": 3, "rotation": 4, "scale": 3, "splat": 4}
 KEYS = {"FLOAT_VECTOR": "vector", "QUATERNION": "value", "FLOAT_COLOR": "color"}
 
 
-def render(path: str) -> None:
-    """Render the current frame small on the CPU."""
-    scene = bpy.context.scene
-    scene.render.engine, scene.cycles.device, scene.cycles.samples = "CYCLES", "CPU", 4
-    scene.cycles.use_denoising = False
-    scene.render.resolution_percentage = int(24000 / scene.render.resolution_x)
-    scene.render.threads_mode, scene.render.threads = "FIXED", 1
-    scene.render.filepath = path
-    bpy.ops.render.render(write_still=True)
-
-
 def main() -> None:
     bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
     scene = bpy.context.scene
-    if len(sys.argv) > 3:
-        scene.frame_set(int(sys.argv[4]))
-        render(sys.argv[3])
-        return
     tree = bpy.data.node_groups["splats"]
     store = next(node for node in tree.nodes if node.bl_idname == "GeometryNodeStoreNamedAttribute")
     end = next(node for node in tree.nodes if node.bl_idname == "NodeGroupOutput")

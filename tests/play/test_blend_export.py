@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from splatreel.base.errors import GaussiansError, MissingDependencyError, UsageError
@@ -95,7 +95,7 @@ def test_arrays_follow_the_reel(film: GaussianExport) -> None:
 
 
 def test_crop_keeps_what_is_inside_at_any_frame(film: GaussianExport) -> None:
-    volume = Sphere((0.5, 0.2, 0), 0.9)
+    volume = Sphere(np.array([0.5, 0.2, 0]), 0.9)
     scene = make_scene(replace(film, crop=volume), 30)
     group = film.source.reel.group(0)
     inside = np.any([volume.contains(group.at(frame).means) for frame in range(8)], axis=0)
@@ -180,7 +180,7 @@ def test_blender_evaluates_the_points_of_every_frame(film: GaussianExport, tmp_p
             # Opacities near the limit may differ by their rounding.
             assert abs(shows.sum() - len(want)) <= 5
             want = points[points.opacities > 0.02]
-            distance, nearest = cKDTree(found["position"][shows]).query(want.means)
+            distance, nearest = KDTree(found["position"][shows]).query(want.means)
             assert distance.max() < 2e-4 * np.linalg.norm(np.ptp(points.means, axis=0))
             rows = np.flatnonzero(shows)[nearest]
             np.testing.assert_allclose(found["splat"][rows, 3], np.minimum(want.opacities, 0.9999), atol=0.012)
