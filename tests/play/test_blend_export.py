@@ -7,6 +7,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
@@ -23,6 +24,7 @@ from splatreel.scene import rotations
 from splatreel.scene.camera import project
 from splatreel.scene.gaussians import turned
 from splatreel.scene.volumes import Sphere
+from tests import flashes
 from tests.golden import PREDICTIVE
 
 
@@ -159,6 +161,18 @@ def test_program_blender_gets_the_arrays_and_its_failure_is_shown(
     with pytest.raises(GaussiansError, match=r"blender ended with exit code 3[\s\S]*no space left"):
         write_blend(tmp_path / "f.blend", film, 30)
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["arrays.npz", "bin"]
+
+
+def test_sound_is_written_without_loss(tmp_path: Path) -> None:
+    sound = open_reel(flashes.GOLDEN).sound
+    assert sound is not None
+    file = tmp_path / "sound.flac"
+    blend_export._write_sound(file, sound, 0.25, 0.5)
+    with av.open(str(file)) as container:
+        found = np.concatenate([frame.to_ndarray().reshape(-1) for frame in container.decode(audio=0)])
+    want = sound.samples(0.25, 0.5).reshape(-1)
+    assert np.abs(want).max() > 0.05
+    np.testing.assert_allclose(found / 32767, np.clip(want, -1, 1), atol=1e-4)
 
 
 @pytest.mark.slow

@@ -250,7 +250,6 @@ def _note_alive(alive: dict[int, np.ndarray], film: GaussianExport, group: Group
         count = manifest.layers[layer].points
         alive.setdefault(layer, np.zeros((places, count), bool))[place] = group.alive[start : start + count]
         start += count
-        film.source.reel.layer(layer)  # a retired layer is dropped when later groups are read
 
 
 def _add_layer(scene: BlendScene, film: GaussianExport, layer: int, table: np.ndarray) -> None:
