@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 WIDEST = 8192
 """Largest side of a film in pixels, about what H.264 allows."""
-FILMS, FILM_UP = (".usdz", ".usdc", ".usda", ".4dgs"), "y"
+FILMS = {".usdz": "y", ".usdc": "y", ".usda": "y", ".4dgs": "y", ".blend": "z"}
 """Suffixes of files of Gaussians that hold all frames, and the axis that points up in them."""
 LARGE = 100_000_000
 """Bytes of an export above which its size is said before it is written."""
@@ -36,7 +36,7 @@ class ChangeOptions:
 
     up: Literal["x", "-x", "y", "-y", "z", "-z", "capture"] | None = None
     """Axis of the exported Gaussians that points up, or capture for the axes of the capture; by default that of the format, which is -y
-    for PLY, SOG and .splat, as in 3DGS, and y for SPZ, glTF, USD and .4dgs."""
+    for PLY, SOG and .splat, as in 3DGS, y for SPZ, glTF, USD and .4dgs, z for .blend."""
     crop: str | None = None
     """Volume to keep, in the coordinates of the reel, as `splatreel edit` takes it: box:x,y,z,X,Y,Z, sphere:x,y,z,RADIUS,
     cylinder:x,y,z,RADIUS,HEIGHT or capture."""
@@ -69,15 +69,16 @@ def export(
     Args:
         reel: Folder of the reel, or its URL: http(s), s3://BUCKET/REEL and the like (needs splatreel[cloud]).
         out: F.html for one page with player and reel; F.ply, F.compressed.ply, F.splat, F.sog, F.spz or F.glb for one frame; a folder
-            for one file per frame; F.usdz, F.usdc, F.usda or F.4dgs for all frames in one file; F.mp4 for a film through the capture's
-            cameras, with the reel's sound.
+            for one file per frame; F.usdz, F.usdc, F.usda or F.4dgs for all frames in one file, or F.blend for Blender; F.mp4 for a
+            film through the capture's cameras, with the reel's sound.
         frame: Frame to export, counted from 0; for one file.
         at: Time to export in seconds, also between two frames; for one file.
         frames: Frames A to B - 1, as A:B; by default all. For a folder, a film, or a file of all frames.
         every: Export every Nth frame only. The files of a folder are then numbered from 0 without gaps.
         rendition: Rendition to export, for a reel that has several; by default the best.
         width: Width of the film in pixels; by default that of the reel's own camera.
-        path: Camera path of the film, a JSON file that the player saved; by default through the capture's cameras.
+        path: Camera path of the film or of the .blend file, a JSON file that the player saved; by default films pass the capture's
+            cameras.
         format: Format of the files in a folder, by default ply as 3DGS writes it. compressed-ply, sog, spz (version 3), spz2 and spz4
             are small; splat has no view-dependent color; glb is glTF with KHR_gaussian_splatting. For one file, the version of .spz.
         program: Program that is to open the files: sets their format, version, precision, degree of view-dependent color and
@@ -91,26 +92,10 @@ def export(
     reader = _program(program)
     kind = _kind(out, format) if reader is None else _kind_for(reader, program or "", out, format)
     if out.suffix == ".html":
-        if (
-            any(value is not None for value in (frame, at, frames, width, path))
-            or every > 1
-            or changes.given
-            or equal_counts
-        ):
-            raise UsageError(
-                "A page holds the whole reel. Leave out --frame, --at, --frames, --every, --width, --path, --up, --crop, "
-                "--equal-counts."
-            )
-        _write_page(reel, out, rendition)
+        options = (frame, at, frames, width, path, changes.up, changes.crop)
+        _write_page(reel, out, rendition, any(value is not None for value in options) or every > 1 or equal_counts)
         return
-    if equal_counts and (out.suffix in (".4dgs", ".mp4") or (kind is not None and out.suffix)):
-        raise UsageError("--equal-counts is for a folder of files and for USD. Leave it out for other files.")
-    if path is not None and (out.suffix != ".mp4" or frames is not None):
-        raise UsageError("--path is for films (--out F.mp4), and holds the times that they show: leave out --frames.")
-    if (changes.given or every > 1) and out.suffix == ".mp4":
-        raise UsageError("--up, --crop and --every are for files of Gaussians. Leave them out for a film.")
-    if every < 1:
-        raise UsageError(f"--every {every}: give a whole number of frames, 1 or more.")
+    _check_options(out, kind, frames, path, equal_counts, changes, every)
     from splatreel.play.gaussian_export import GaussianExport
     from splatreel.play.timeline import open_reel
     from splatreel.scene.volumes import parse_volume
@@ -125,9 +110,11 @@ def export(
             _write_film(source, times, out, width, path)
             return
         equal_counts |= reader is not None and reader.equal_counts and not one
-        film = GaussianExport(source, times, _up(changes.up, kind), crop, reader, equal_counts)
+        film = GaussianExport(source, times, _up(changes.up, kind, out), crop, reader, equal_counts)
         film.check_content()
-        if kind is None:
+        if out.suffix == ".blend":
+            _write_blend(film, out, every, path)
+        elif kind is None:
             _write_gaussian_film(film, out, every)
         elif one:
             points = film.at(times[0])
@@ -136,6 +123,28 @@ def export(
         else:
             _write_folder(film, out, kind, every)
     _say_losses(film, out, kind)
+
+
+def _check_options(
+    out: Path,
+    kind: str | None,
+    frames: str | None,
+    path: Path | None,
+    equal_counts: bool,
+    changes: ChangeOptions,
+    every: int,
+) -> None:
+    """Raise `UsageError` for options that do not fit the output."""
+    if equal_counts and (out.suffix in (".4dgs", ".blend", ".mp4") or (kind is not None and out.suffix)):
+        raise UsageError("--equal-counts is for a folder of files and for USD. Leave it out for other files.")
+    if path is not None and out.suffix not in (".blend", ".mp4"):
+        raise UsageError("--path is for films (--out F.mp4) and .blend files. Leave it out for other files.")
+    if path is not None and out.suffix == ".mp4" and frames is not None:
+        raise UsageError("--path holds the times that a film shows. Leave out --frames.")
+    if (changes.given or every > 1) and out.suffix == ".mp4":
+        raise UsageError("--up, --crop and --every are for files of Gaussians. Leave them out for a film.")
+    if every < 1:
+        raise UsageError(f"--every {every}: give a whole number of frames, 1 or more.")
 
 
 def _kind(out: Path, format: FrameKind | None) -> str | None:
@@ -150,7 +159,7 @@ def _kind(out: Path, format: FrameKind | None) -> str | None:
     if out.suffix and known is None and out.suffix not in (*FILMS, ".html", ".mp4"):
         raise UsageError(
             f"--out {out}: {out.suffix} is not an export format. Name a .ply, .compressed.ply, .splat, .sog, .spz or .glb file for one "
-            "frame, a .usdz, .usdc, .usda or .4dgs file, an .mp4 film, an .html page or a folder."
+            "frame, a .usdz, .usdc, .usda, .4dgs or .blend file, an .mp4 film, an .html page or a folder."
         )
     if format is not None and out.suffix and not (known and out.name.endswith(FRAME_FORMATS[format].suffix)):
         raise UsageError(f"--format {format}: --out {out} has another suffix. Leave out --format, or name a folder.")
@@ -216,13 +225,13 @@ def _times(
     return [index / source.fps for index in range(first, end, every)]
 
 
-def _up(asked: str | None, kind: str | None) -> np.ndarray | None:
-    """Return the up direction of files of a kind, or of films; None for that of the capture."""
+def _up(asked: str | None, kind: str | None, out: Path) -> np.ndarray | None:
+    """Return the up direction of files of a kind, or of a film; None for that of the capture."""
     import numpy as np
 
     from splatreel.formats.registry import FRAME_FORMATS
 
-    usual = FRAME_FORMATS[kind].up if kind else FILM_UP
+    usual = FRAME_FORMATS[kind].up if kind else FILMS[out.suffix]
     return None if asked == "capture" else np.array(AXES[asked or usual], float)
 
 
@@ -260,6 +269,22 @@ def _write_gaussian_film(film: GaussianExport, out: Path, every: int) -> None:
     say(f"{out}: {counted(len(times), 'frame')}, {_span(film.source, times, every)}, {out.stat().st_size / 1e6:.2f} MB")
 
 
+def _write_blend(film: GaussianExport, out: Path, every: int, path: Path | None) -> None:
+    """Write all frames into a file of Blender."""
+    from splatreel.play.blend_export import write_blend
+    from splatreel.play.film import read_path
+
+    times = list(film.seconds)
+    made = write_blend(out, film, film.source.fps / every, None if path is None else read_path(path))
+    say(
+        f"{out}: {counted(len(times), 'frame')}, {_span(film.source, times, every)}, {out.stat().st_size / 1e6:.2f} MB; positions "
+        f"within {made.error:.0e} of the extent by {counted(made.vectors, 'vector')}, colors and opacities within "
+        f"{made.color_error:.3f}"
+    )
+    if made.lacks_sound:
+        say("The sound is left out, since the module bpy cannot write it. The program blender in PATH can.")
+
+
 def _say_size(out: Path, size: int, frames: int, smaller: str) -> None:
     """Say the size of a large export before it is written, and how to make it smaller."""
     if size >= LARGE:
@@ -274,7 +299,7 @@ def _say_losses(film: GaussianExport, out: Path, kind: str | None) -> None:
     from splatreel.formats.registry import FRAME_FORMATS
 
     if kind is None:
-        suffix, origin, antialias = out.suffix, out.suffix != ".4dgs", False
+        suffix, origin, antialias = out.suffix, out.suffix not in (".4dgs", ".blend"), False
     else:
         format = FRAME_FORMATS[kind]
         suffix, origin, antialias = format.suffix, format.keeps_origin and film.keeps_origin, format.marks_antialias
@@ -291,7 +316,12 @@ def _say_losses(film: GaussianExport, out: Path, kind: str | None) -> None:
         )
 
 
-def _write_page(reel: str, out: Path, rendition: str | None) -> None:
+def _write_page(reel: str, out: Path, rendition: str | None, has_options: bool) -> None:
+    """Write the player and the whole reel into one page. Options that select a part of a reel are refused."""
+    if has_options:
+        raise UsageError(
+            "A page holds the whole reel. Leave out --frame, --at, --frames, --every, --width, --path, --up, --crop, --equal-counts."
+        )
     from splatreel.play.player_page import write_standalone
 
     sweep(out.parent, out.name)

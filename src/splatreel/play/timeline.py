@@ -201,15 +201,23 @@ class Timeline:
         """Return the Gaussians at a frame within the reel, with the near plane of the manifest."""
         return replace(self._moment(frame), near=self.manifest.near)
 
-    def _moment(self, frame: float) -> Moment:
+    def groups_at(self, frame: float) -> list[tuple[Group, float]]:
+        """Return the groups that show at a frame of the reel, each with its weight: one, or in an overlap the old and the new group."""
         groups = self.manifest.groups
         place = max(bisect.bisect_right(groups, frame, key=lambda group: group.first_frame) - 1, 0)
         new = self.reel.group(groups[place].group)
         weight = self._weight(frame, new)
-        light = new.light_at(frame - new.first_frame)
         if place == 0 or weight >= 1:
+            return [(new, 1.0)]
+        return [(self.reel.group(groups[place - 1].group), 1 - weight), (new, weight)]
+
+    def _moment(self, frame: float) -> Moment:
+        shown = self.groups_at(frame)
+        new, weight = shown[-1]
+        light = new.light_at(frame - new.first_frame)
+        if len(shown) == 1:
             return Moment.join([self._static(new.index, new.alive), _dynamic(new, frame)], light)
-        return self._fading(frame, weight, self.reel.group(groups[place - 1].group), new, light)
+        return self._fading(frame, weight, shown[0][0], new, light)
 
     def render(self, gaussians: Gaussians, camera: Camera, draw: Draw = draw_on_cpu) -> np.ndarray:
         """Render Gaussians of this reel with the near plane, antialiasing and background of its manifest.
