@@ -98,7 +98,7 @@ def blend(first: Gaussians, second: Gaussians) -> Gaussians:
 
 
 def test_frames_between_two_are_better_than_those_of_the_plain_export(reel: Timeline, equal: list[Gaussians]) -> None:
-    """Where groups change, the rows of plain frames are other points."""
+    """The rows of plain frames are other points where groups change."""
     camera: Camera = reel.manifest.camera.resized(64, 48)
 
     def error(points: Gaussians, frame: int) -> float:
