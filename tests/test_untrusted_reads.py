@@ -29,15 +29,16 @@ ALLOWED = {
     "method/images/flow.py": {"torch.load"},
     "play/player_page.py": {"read_text", "read_bytes"},
     "play/web_app.py": {"read_text"},
-    "run/machine_speed.py": {"read_text"},
+    "run/machine_speed.py": {"read_text", "json.loads"},
     "run/requirements.py": {"read_text"},
     # Objects and texts that were read or opened safely before
     "capture/growing_video.py": {"av.open"},
     "capture/readers/calibrations/motion_capture.py": {"tomllib.loads"},
     "capture/video.py": {"av.open"},
     "play/served_files.py": {"open"},
-    # Files in the output folder that the same program wrote: locks, checkpoints, logs, pictures
+    # Files that the same program wrote, in the output folder or the user's cache: locks, checkpoints, logs, pictures, kernels
     "base/atomic.py": {"os.open"},
+    "base/user_cache.py": {"read_bytes"},
     "calibration/moment_solver.py": {"Image.open"},
     "codec/opus_sound.py": {"read_bytes"},
     "evaluation/page/report_page.py": {"Image.open"},
@@ -48,6 +49,7 @@ ALLOWED = {
     "run/run_folder.py": {"os.open"},
     # Messages between processes of one run
     "base/child_process.py": {"pickle.load"},
+    "play/blender_scene.py": {"np.load", "json.loads"},
     "run/machines/ray_cluster.py": {"pickle.loads"},
     "run/machines/worker.py": {"pickle.loads"},
 }

@@ -197,6 +197,10 @@ class _Job:
         del self.function, self.arguments
 
 
+_WAITING = 16
+"""Requests that may wait in the queue, per thread of the pool."""
+
+
 class _Pool:
     """Threads that sleep until there is a job."""
 
@@ -210,8 +214,8 @@ class _Pool:
         if self.size < helpers:
             self._grow(helpers)
         job = _Job(function, cuts, arguments)
-        # While all threads are busy, requests of jobs that are over stay in the queue. A few are enough.
-        for _ in range(min(helpers, self.size - self.jobs.qsize())):
+        # Requests of jobs that are over stay in the queue while all threads are busy, or have not woken up. A free thread passes over them.
+        for _ in range(min(helpers, _WAITING * self.size - self.jobs.qsize())):
             self.jobs.put(job)
         try:
             job.work()

@@ -23,7 +23,7 @@ LIMITS = (
     "max-compute-workgroup-size-x",
 )
 """Limits that are raised to what the adapter has."""
-logging.getLogger("wgpu").addHandler(logging.NullHandler())  # what it reports is raised, too
+_SILENT = logging.NullHandler()
 
 
 class WgpuGpu(Gpu):
@@ -42,6 +42,7 @@ class WgpuGpu(Gpu):
         """
         super().__init__(adapter, group, subgroups)
         asked = {name: adapter.limits[name] for name in LIMITS if name in adapter.limits}
+        logging.getLogger("wgpu").addHandler(_SILENT)  # what it reports is raised, too
         with self.errors("the driver opens no device"):
             self.device = adapter.handle.request_device_sync(
                 required_features=["subgroup"] if self.subgroups else [],

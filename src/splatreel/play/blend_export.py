@@ -345,7 +345,8 @@ def _blender_command() -> list[str]:
         start = [blender, "--background", "--factory-startup", "--python-exit-code", "1"]
         return [*start, "--python", script, "--"]
     if importlib.util.find_spec("bpy") is not None:
-        return [sys.executable, "-P", script, "--"]  # -P: the script's folder has modules with common names
+        run = "import bpy, runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
+        return [sys.executable, "-P", "-c", run, script, "--"]
     raise MissingDependencyError(
         ".blend files are written by Blender, 4.2 or newer. Install it and put the folder of the program blender in PATH, or run\n"
         "  pip install bpy\nin a Python of the version that bpy needs."

@@ -7,7 +7,6 @@ It runs in a process of its own, in the program `blender` or in a Python with th
 
 from __future__ import annotations
 
-import importlib
 import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-bpy: Any
-"""Blender's module, which `main` imports."""
+bpy: Any = sys.modules.get("bpy")
+"""Blender's module, which its Python has imported."""
 NO_SOUND = "SPLATREEL: this Blender was built without sound"
 """Line of the output for a sound that was left out, as in the module `bpy`."""
 _REACH, _FACES = 3.0, 2
@@ -31,8 +30,6 @@ _KINDS = {"position": "FLOAT_VECTOR", "rotation": "FLOAT_VECTOR", "color": "FLOA
 
 def main() -> None:
     """Write the .blend file that the command line names."""
-    global bpy
-    bpy = importlib.import_module("bpy")
     source, out = sys.argv[sys.argv.index("--") + 1 :]
     with np.load(source) as file:
         arrays = dict(file)
