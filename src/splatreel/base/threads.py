@@ -214,7 +214,7 @@ class _Pool:
         if self.size < helpers:
             self._grow(helpers)
         job = _Job(function, cuts, arguments)
-        # Requests of jobs that are over stay in the queue while all threads are busy, or have not woken up. A free thread passes over them.
+        # Requests of jobs that are over stay in the queue while all threads are busy or have not woken up. A free thread skips them.
         for _ in range(min(helpers, _WAITING * self.size - self.jobs.qsize())):
             self.jobs.put(job)
         try:

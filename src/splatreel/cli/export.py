@@ -309,7 +309,7 @@ def _say_losses(film: GaussianExport, out: Path, kind: str | None) -> None:
         place = ", ".join(f"{v:.10g}" for v in manifest.origin)
         remedy = "PLY, glTF and USD can." if program is None else "Without --for, PLY files keep it."
         say(f"Positions are relative to {place}, which {whose} cannot hold. {remedy}")
-    if manifest.antialias and not antialias:
+    if manifest.antialias and not antialias and suffix != ".blend":
         say(
             f"The points were trained with antialiasing (Mip-Splatting), which {whose} cannot mark. Switch it on in the program that "
             "draws them, if it can."
