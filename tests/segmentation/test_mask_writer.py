@@ -73,6 +73,22 @@ def test_interrupted_call_continues_to_the_same_masks(scene: Path, masks: Path, 
     assert make_images(folder) == make_images(masks)
 
 
+def test_temporary_files_of_a_killed_call_are_removed(scene: Path, masks: Path, tmp_path: Path) -> None:
+    """Also if it was killed before the folder had a record."""
+    left = ".splatreel-masks.json.0123456789abcdef.tmp"
+    folder = copied(masks, tmp_path / "masks")
+    camera = next(path for path in folder.iterdir() if path.is_dir())
+    next(camera.iterdir()).unlink()
+    (camera / ".000000.png.0123456789abcdef.tmp").write_bytes(b"cut")
+    (folder / left).write_bytes(b"{")
+    make(scene, folder)
+    assert [path.name for path in folder.rglob("*.tmp")] == []
+    (tmp_path / "new").mkdir()
+    (tmp_path / "new" / left).write_bytes(b"{")
+    assert make(scene, tmp_path / "new").images
+    assert [path.name for path in (tmp_path / "new").rglob("*.tmp")] == []
+
+
 def test_masks_corrected_by_hand_stay(scene: Path, masks: Path, tmp_path: Path) -> None:
     folder = copied(masks, tmp_path / "masks")
     Image.new("L", (scenes.WIDTH, scenes.HEIGHT), 255).save(folder / "1" / "000000.png")

@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 from splatreel.base import threads
-from splatreel.base.atomic import remove, write_bytes
+from splatreel.base.atomic import remove, sweep, write_bytes
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import Progress
 from splatreel.base.untrusted import check_regular
@@ -184,6 +184,7 @@ def _claim(capture: FileCapture, folder: Path, clean_plate: Path | None, people:
     described = capture.describe()
     facts = {name: described[name] for name in ("name", "frames", "size", "cameras", "fingerprint")}
     made = {"version": VERSION, "undistorted": True, "doubts": True, **facts, "clean_plate": clean_plate is not None}
+    sweep(folder)
     record = read_mask_record(folder)
     if record is None:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -199,6 +200,7 @@ def _claim(capture: FileCapture, folder: Path, clean_plate: Path | None, people:
             )
     for camera in capture.cameras:
         (folder / camera.name).mkdir(exist_ok=True)
+        sweep(folder / camera.name)
     return {"people": False} | record
 
 
