@@ -225,8 +225,8 @@ class _Pool:
             raise
         finally:
             job.forget()
-        for error in errors:
-            raise error
+        if errors:
+            raise errors[0]
 
     def _grow(self, size: int) -> None:
         with self.growing:

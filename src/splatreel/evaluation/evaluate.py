@@ -293,7 +293,7 @@ class Scores:
             if raw is not None:
                 before = psnr(np.clip(self.timeline.render(raw, view), 0, 1), truth, within)
             rendered.append(_Rendered(view.name, image, truth, median, within, before))
-        # PyTorch, which LPIPS runs on, divides its work among the threads itself.
+        # The matrix products of LPIPS run on all threads themselves.
         measured = (
             [one.measure(lpips) for one in rendered] if lpips else threads.map_parallel(_Rendered.measure, rendered)
         )

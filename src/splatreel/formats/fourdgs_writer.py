@@ -25,8 +25,8 @@ from splatreel.scene.gaussians import C0, Gaussians, turned
 LOWEST, HIGHEST = -4.0, 4.0
 """Range of the bytes that store view-dependent color."""
 _POSITION, _ROTATION, _SCALE, _OPACITY, _COLOR = 0.2, 0.02, 0.02, 0.1, 0.05
-"""How far a row may be from the Gaussian: in middle scales of the Gaussian, and in differences of quaternions, logarithms of scales,
-opacities and spherical harmonics."""
+"""Largest distance of a row from the Gaussian, in middle scales of the Gaussian, and largest differences of quaternions, logarithms of
+scales, opacities and spherical harmonics."""
 _RGB_BOUND, _ALPHA_BOUND = 1.5 / 255, 3 / 255
 """Half the steps of colors and opacities. They differ from those of fourdgs' profile "default", whose others are taken."""
 _DEGREE = 3

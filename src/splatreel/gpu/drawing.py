@@ -325,9 +325,8 @@ class StaticScene:
             "static_status": gpu.zeros(8),
             "chosen": self.chosen,
         }
-        uniform = kept["static_draw"]
         used = drawing.alone() | {
-            "draw": uniform,
+            "draw": kept["static_draw"],
             "params": self._shown,
             "splats": kept["static_splats"],
             "first": kept["static_first"],
@@ -341,7 +340,7 @@ class StaticScene:
         counting.submit()
         pairs = int(gpu.read(kept["static_first"], np.uint32, (s + 1,))[-1])
         block["counts"][3] = pairs
-        gpu.write(uniform, block)
+        gpu.write(kept["static_draw"], block)
         kept["static_pairs"] = gpu.zeros(16 * pairs, "the static pairs of a view")
         used |= {
             "static_pairs": drawing.buffers["empty"],

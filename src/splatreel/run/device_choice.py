@@ -48,9 +48,8 @@ def pick_gpu(name: str, width: int = 320, height: int = 180, points: int = 0) ->
             hardware = any(not each.is_software for each in found)
             return None, f"training runs on the CPU: {why}" if hardware else ""
     largest = adapter.limits["max-storage-buffer-binding-size"]
-    needed = max(
-        16 * width * height, 4 * 59 * points
-    )  # bytes of the largest buffer, as far as it is known before training
+    # Bytes of the largest buffer, as far as it is known before training: an image or the points.
+    needed = max(16 * width * height, 4 * 59 * points)
     if needed > largest:
         room = f"{adapter.name} allows buffers of {largest / 1e6:,.0f} MB, training needs {needed / 1e6:,.0f} MB"
         if name == "gpu":

@@ -110,6 +110,7 @@ def even_out(frames: np.ndarray, change: np.ndarray) -> None:
     """Remove logarithmic changes [T, C, 3] from frames [T, C, H, W, 3] uint8, in place."""
     levels = np.arange(256)[:, None]
     white = 1 - np.clip((255 - levels) / (255 - WHITE_FADE_FROM), 0, 1)
+    changed = np.argwhere(np.any(change != 0, 2))
 
     def correct(frame: int) -> None:
         for t, c in changed[changed[:, 0] == frame]:
@@ -119,7 +120,6 @@ def even_out(frames: np.ndarray, change: np.ndarray) -> None:
             frames[t, c] = cv2.LUT(frames[t, c], table[None])
         release_pages(frames)
 
-    changed = np.argwhere(np.any(change != 0, 2))
     threads.map_parallel(correct, np.unique(changed[:, 0]))
 
 

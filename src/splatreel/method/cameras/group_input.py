@@ -54,9 +54,8 @@ class GroupInput:
         """Cameras [C] with the poses that they have in this group."""
         return self.rig.cameras
 
-    @property
-    def hull(self) -> Volume | None:
-        """Volume that the keyframe's points must be in; None is everywhere."""
+    def find_hull(self) -> Volume | None:
+        """Return the volume that the keyframe's points must be in; None is everywhere. This takes seconds with networks of people."""
         return None if self.alpha is None else subject_hull(self.cameras, self.images[0], self.alpha[0], self.near)
 
     @property

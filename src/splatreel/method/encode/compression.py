@@ -65,14 +65,14 @@ def weigh(
     each.
     """
     squares: np.ndarray | float = 0.0
-    pictures = _pictures(moments, cameras, views)
-    while batch := list(islice(pictures, threads.count())):  # the signs of no more pictures are in memory
-        for found in threads.map_parallel(lambda picture: _squares(*picture, near, antialias), batch):
+    samples = _samples(moments, cameras, views)
+    while batch := list(islice(samples, threads.count())):  # the signs of no more images are in memory
+        for found in threads.map_parallel(lambda sample: _squares(*sample, near, antialias), batch):
             squares = squares + found
     return np.sqrt(squares).astype(np.float32)
 
 
-def _pictures(
+def _samples(
     moments: Iterable[Gaussians], cameras: list[Camera], views: int
 ) -> Iterator[tuple[Gaussians, Camera, float, np.ndarray]]:
     """Yield points, a camera to draw them, the pixels of an image as a multiple of the drawn ones, and a random sign for each value.

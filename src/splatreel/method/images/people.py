@@ -146,9 +146,9 @@ class People:
     def landmarks(self, image: np.ndarray, square: Square) -> Landmarks | None:
         """Return the landmarks of the person in a square of an image [H, W, 3] uint8; None if nobody is there."""
         first = self._look(image, square)
-        second = (
-            None if first is None else self._look(image, first[1])
-        )  # in the square that follows from the first landmarks
+        if first is None:
+            return None
+        second = self._look(image, first[1])  # in the square that follows from the first landmarks
         return None if second is None else second[0]
 
     def _look(self, image: np.ndarray, square: Square) -> tuple[Landmarks, Square] | None:

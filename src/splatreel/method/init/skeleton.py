@@ -13,7 +13,7 @@ from splatreel.base import threads
 from splatreel.method.images.people import LANDMARKS, People, squares_around, without_repeats
 from splatreel.method.init.layout import up_angles
 from splatreel.scene.camera import Camera
-from splatreel.scene.volumes import Volume
+from splatreel.scene.volumes import Volume, in_image
 
 EARS = (7, 8)
 SHOULDERS, ELBOWS, WRISTS = (11, 12), (13, 14), (15, 16)
@@ -210,9 +210,8 @@ class Capsules:
         return found
 
 
-HEAD, NECK, TRUNK, SIDE, ARM, FOREARM, HAND, LEG, LOWER_LEG, FOOT = (
-    *(0.062, 0.035, 0.07, 0.055, 0.027, 0.023, 0.022, 0.045, 0.032, 0.024),
-)
+HEAD, NECK, TRUNK, SIDE = 0.062, 0.035, 0.07, 0.055
+ARM, FOREARM, HAND, LEG, LOWER_LEG, FOOT = 0.027, 0.023, 0.022, 0.045, 0.032, 0.024
 """Usual radii of capsules, as shares of the body's height."""
 THINNEST, THICKEST = 0.8, 1.8
 """Smallest and largest radius relative to the usual one. Clothes are wider than bodies. A landmark beside its bone touches a border."""
@@ -229,12 +228,9 @@ def capsules(skeleton: Skeleton, cameras: Sequence[Camera], masks: np.ndarray) -
     room = np.full(places.shape[:2], np.inf)
     for camera, mask in zip(cameras, masks, strict=True):
         inner = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
-        seen = places @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
-        pixels = seen @ camera.K.T
-        column, row = np.moveaxis(np.floor(pixels[..., :2] / np.maximum(pixels[..., 2:], 1e-9)), -1, 0)
-        inside = (seen[..., 2] > 0) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-        at = np.where(inside, row, 0).astype(int), np.where(inside, column, 0).astype(int)
-        room = np.where(inside, np.minimum(room, inner[at] * seen[..., 2] / camera.K[0, 0]), room)
+        inside, pixels, depth = in_image(places, camera, 0.0)
+        column, row = np.moveaxis(np.where(inside[..., None], pixels, 0).astype(int), -1, 0)
+        room = np.where(inside, np.minimum(room, inner[row, column] * depth / camera.K[0, 0]), room)
     radii = np.clip(np.median(room, 1), THINNEST * usual, THICKEST * usual)
     return Capsules(starts, ends, radii)
 

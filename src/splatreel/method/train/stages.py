@@ -61,7 +61,7 @@ def train_first_keyframe(
     keyframe, gains = config.keyframe, known_gains(data, config)
     trainer = first_keyframe_trainer(positions, colors, data.layout, data.cameras, gains, config, data.gpu)
     trainer.watch = watch
-    trainer.density.hull = data.hull
+    trainer.density.hull = data.find_hull()
     return _trained(data, trainer, keyframe.first_iterations, keyframe.coarse_share, config, progress, unknown)
 
 
@@ -84,7 +84,7 @@ def refine_keyframe(
         region=data.layout.volume(data.cameras),
         gpu=data.gpu,
     )
-    trainer.density.hull = data.hull
+    trainer.density.hull = data.find_hull()
     return _trained(data, trainer, keyframe.refine_iterations, 0.0, config, progress)
 
 
