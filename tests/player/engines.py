@@ -73,7 +73,7 @@ def expect_meshes_to_hide_splats(page: Page) -> None:
 
 def expect_time_to_end(page: Page) -> None:
     """Play to the end."""
-    page.evaluate("reel.play()")
+    page.evaluate("void reel.play()")  # its promise waits for a drawn frame, and only `until` draws
     page.evaluate("until(() => reel.ended)")
     assert page.evaluate("[reel.paused, reel.currentTime === reel.duration, events.includes('ended')]") == [True] * 3
 
